@@ -18,10 +18,10 @@ def contents_of(path: Path) -> dict:
 
 def shared_lists(levels: int) -> list:
     """Return a list of two lists that are the same one, and so on: 2**levels values."""
-    found: list = [1]
+    lists: list = [1]
     for _ in range(levels):
-        found = [found, found]
-    return found
+        lists = [lists, lists]
+    return lists
 
 
 def with_pickle(path: Path, pickle: bytes) -> Path:
@@ -34,8 +34,8 @@ def rezip(path: Path, members: dict[str, bytes], compression: int = zipfile.ZIP_
     written = io.BytesIO()
     with zipfile.ZipFile(path) as before, zipfile.ZipFile(written, "w", compression) as after:
         for name in before.namelist():
-            found = [data for end, data in members.items() if name.endswith(end)]
-            after.writestr(name, found[0] if found else before.read(name))
+            contents = [data for end, data in members.items() if name.endswith(end)]
+            after.writestr(name, contents[0] if contents else before.read(name))
     path.write_bytes(written.getvalue())
     return path
 
@@ -65,15 +65,15 @@ def lambda_with(constant: bytes) -> dict:
     """Return the config of a Keras Lambda that computes x * C, with C as it is marshalled."""
     number = 123.456789
     data = marshal.dumps((lambda x: x * 123.456789).__code__, 2)  # 2: floats as eight bytes
-    before, found, after = data.partition(b"g" + struct.pack("<d", number))
-    assert found
+    before, separator, after = data.partition(b"g" + struct.pack("<d", number))
+    assert separator
     code = base64.b64encode(before + constant + after).decode()
     return {"function": [code, None, None], "function_type": "lambda"}
 
 
 def shared_constants(levels: int) -> bytes:
     """Return a marshalled tuple of tuples that refer to each other: 2**levels values."""
-    found = b"(" + struct.pack("<i", levels + 1) + b"\xa9\x01i\x01\x00\x00\x00"
+    data = b"(" + struct.pack("<i", levels + 1) + b"\xa9\x01i\x01\x00\x00\x00"
     for number in range(levels):
-        found += b"\xa9\x02" + 2 * (b"r" + struct.pack("<i", number))
-    return found
+        data += b"\xa9\x02" + 2 * (b"r" + struct.pack("<i", number))
+    return data

@@ -83,30 +83,30 @@ def check_reading(read: Callable[[Path], object], path: Path) -> None:
 @st.composite
 def mutated_bytes(draw: st.DrawFn, data: bytes) -> bytes:
     """Draw a file with one to four changes: bytes that are flipped, lost, doubled or added."""
-    found = bytearray(data)
+    contents = bytearray(data)
     for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, max(0, len(found) - 1)))
+        at = draw(st.integers(0, max(0, len(contents) - 1)))
         to = at + draw(st.sampled_from((1, 2, 8, 64, 1024)))
         how = draw(st.sampled_from(("flip", "set", "insert", "delete", "repeat", "move", "cut")))
-        if how == "flip" and found:
-            found[at] ^= 1 << draw(st.integers(0, 7))
+        if how == "flip" and contents:
+            contents[at] ^= 1 << draw(st.integers(0, 7))
         elif how == "set":
             odd = draw(st.sampled_from(ODD_BYTES))
-            found[at : at + len(odd)] = odd
+            contents[at : at + len(odd)] = odd
         elif how == "insert":
-            found[at:at] = draw(st.sampled_from(ODD_BYTES) | st.binary(max_size=16))
+            contents[at:at] = draw(st.sampled_from(ODD_BYTES) | st.binary(max_size=16))
         elif how == "delete":
-            del found[at:to]
+            del contents[at:to]
         elif how == "repeat":
-            found[at:at] = found[at:to] * draw(st.sampled_from((1, 2, 100)))
+            contents[at:at] = contents[at:to] * draw(st.sampled_from((1, 2, 100)))
         elif how == "move":
-            part = found[at:to]
-            del found[at:to]
-            place = draw(st.integers(0, len(found)))
-            found[place:place] = part
+            part = contents[at:to]
+            del contents[at:to]
+            index = draw(st.integers(0, len(contents)))
+            contents[index:index] = part
         elif how == "cut":
-            del found[at:]
-    return bytes(found)
+            del contents[at:]
+    return bytes(contents)
 
 
 @st.composite
@@ -118,24 +118,24 @@ def mutated_value(draw: st.DrawFn, value: Any, odd: tuple = ODD_VALUES) -> Any:
         value: dicts, lists and values.
         odd: values to put in place of others.
     """
-    found = [copy.deepcopy(value)]
+    root = [copy.deepcopy(value)]
     for _ in range(draw(st.integers(1, 3))):
-        inner, key = draw(st.sampled_from(_places(found)))
+        inner, key = draw(st.sampled_from(_places(root)))
         how = draw(st.sampled_from(("odd", "odd", "odd", "delete", "copy", "wrap", "rename")))
-        if how == "odd" or inner is found:
+        if how == "odd" or inner is root:
             inner[key] = copy.deepcopy(draw(st.sampled_from(odd)))
         elif how == "delete":
             del inner[key]
         elif how == "copy":
-            other, place = draw(st.sampled_from(_places(found)))
-            inner[key] = copy.deepcopy(other[place])
+            other, other_key = draw(st.sampled_from(_places(root)))
+            inner[key] = copy.deepcopy(other[other_key])
         elif how == "wrap":
             inner[key] = draw(st.sampled_from(([inner[key]] * 2, {"x": inner[key]})))
         elif isinstance(inner, dict):
             inner[draw(st.sampled_from(("", "x", "\0", *map(str, inner))))] = inner.pop(key)
         else:
             inner.insert(key, copy.deepcopy(inner[key]))
-    return found[0]
+    return root[0]
 
 
 @st.composite
@@ -177,7 +177,7 @@ def mutated_parquet(draw: st.DrawFn, data: bytes) -> bytes:
     numbers = list(range(len(values)))
     odd = draw(st.sampled_from((math.nan, math.inf, -1e300, 2.0**62, -1.0, None)))
     row = draw(st.integers(0, len(values) - 1))
-    text, ragged = [f"../{one}.jpg" for one in numbers], [[0.5] * (one % 4) for one in numbers]
+    text, ragged = [f"../{n}.jpg" for n in numbers], [[0.5] * (n % 4) for n in numbers]
     columns: dict[str, Callable[[], Any]] = {
         "odd": lambda: pa.array([*map(float, numbers[:row]), odd, *map(float, numbers[row + 1 :])]),
         "null": lambda: pa.nulls(len(values)),
@@ -196,19 +196,19 @@ def mutated_parquet(draw: st.DrawFn, data: bytes) -> bytes:
         "large text": lambda: pa.array(text, pa.large_string()),
         "text view": lambda: pa.array(text, pa.string_view()),
         "texts once": lambda: pa.array(text).dictionary_encode(),
-        "bytes": lambda: pa.array([one.encode() for one in text]),
-        "large bytes": lambda: pa.array([one.encode() for one in text], pa.large_binary()),
-        "bytes view": lambda: pa.array([one.encode() for one in text], pa.binary_view()),
+        "bytes": lambda: pa.array([path.encode() for path in text]),
+        "large bytes": lambda: pa.array([path.encode() for path in text], pa.large_binary()),
+        "bytes view": lambda: pa.array([path.encode() for path in text], pa.binary_view()),
         "fixed bytes": lambda: pa.array([b"/etc/passwd"] * len(values), pa.binary(11)),
-        "struct": lambda: pa.array([{"path": one} for one in text]),
-        "texts in a struct": lambda: pa.array([{"bytes": one, "path": one} for one in text]),
-        "nulls in a struct": lambda: pa.array([{"bytes": None, "path": one} for one in text]),
+        "struct": lambda: pa.array([{"path": path} for path in text]),
+        "texts in a struct": lambda: pa.array([{"bytes": path, "path": path} for path in text]),
+        "nulls in a struct": lambda: pa.array([{"bytes": None, "path": path} for path in text]),
     }
     how = draw(st.sampled_from(("lose", "rename", "twice", "no rows", "fewer", *columns)))
     if how == "lose":
         table = table.remove_column(at)
     elif how == "rename":
-        table = table.rename_columns([one + "x" * (one == name) for one in table.column_names])
+        table = table.rename_columns([col + "x" * (col == name) for col in table.column_names])
     elif how == "twice":
         table = table.append_column(name, table.column(at))
     elif how in ("no rows", "fewer"):
@@ -222,7 +222,7 @@ def mutated_parquet(draw: st.DrawFn, data: bytes) -> bytes:
 
 def mutated_json(value: Any) -> st.SearchStrategy[bytes]:
     """Return a strategy of JSON files whose values or bytes are damaged."""
-    changed = mutated_value(value).map(lambda one: json.dumps(one).encode())
+    changed = mutated_value(value).map(lambda result: json.dumps(result).encode())
     return changed | mutated_bytes(json.dumps(value).encode())
 
 
@@ -238,30 +238,30 @@ def mutated_zip(
         members: strategies of the contents of some members, by the end of their names.
     """
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        found = [(one.filename, archive.read(one)) for one in archive.infolist()]
+        entries = [(info.filename, archive.read(info)) for info in archive.infolist()]
     how = draw(
         st.sampled_from(("change", "change", "change", "lose", "double", "rename", "deflate"))
     )
-    at = draw(st.integers(0, len(found) - 1))
+    at = draw(st.integers(0, len(entries) - 1))
     if how == "change":
-        strategies = dict(enumerate([mutated_bytes(contents) for _, contents in found]))
+        strategies = dict(enumerate([mutated_bytes(contents) for _, contents in entries]))
         for end, strategy in (members or {}).items():
-            known = [number for number, (name, _) in enumerate(found) if name.endswith(end)]
-            strategies |= dict.fromkeys(known, strategy)
-            at = draw(st.sampled_from([at, *known]))
-        found[at] = found[at][0], draw(strategies[at])
+            numbers = [number for number, (name, _) in enumerate(entries) if name.endswith(end)]
+            strategies |= dict.fromkeys(numbers, strategy)
+            at = draw(st.sampled_from([at, *numbers]))
+        entries[at] = entries[at][0], draw(strategies[at])
     elif how == "lose":
-        del found[at]
+        del entries[at]
     elif how == "double":
-        found.append((found[at][0], draw(st.sampled_from(found))[1]))
+        entries.append((entries[at][0], draw(st.sampled_from(entries))[1]))
     elif how == "rename":
-        name = draw(st.sampled_from(("x", "../x", "/x", *(name for name, _ in found))))
-        found[at] = name, found[at][1]
+        name = draw(st.sampled_from(("x", "../x", "/x", *(name for name, _ in entries))))
+        entries[at] = name, entries[at][1]
     written = io.BytesIO()
     kind = zipfile.ZIP_DEFLATED if how == "deflate" else zipfile.ZIP_STORED
     with warnings.catch_warnings(), zipfile.ZipFile(written, "w", kind) as archive:
         warnings.simplefilter("ignore")  # of a name that is there twice
-        for name, contents in found:
+        for name, contents in entries:
             archive.writestr(name, contents)
     return written.getvalue()
 
@@ -271,5 +271,5 @@ def _places(value: Any) -> list[tuple[Any, Any]]:
     if not isinstance(value, dict | list):
         return []
     keys = list(value) if isinstance(value, dict) else range(len(value))
-    inner = [place for key in keys for place in _places(value[key])]
+    inner = [pair for key in keys for pair in _places(value[key])]
     return [*((value, key) for key in keys), *inner]

@@ -147,15 +147,15 @@ def test_an_odd_format_is_one_short_line(value: object, path: Path) -> None:
     assert "\n" not in str(error.value)
 
 
-def swapping(monkeypatch: pytest.MonkeyPatch, place: object, name: str, path: Path) -> None:
+def swapping(monkeypatch: pytest.MonkeyPatch, module: object, name: str, path: Path) -> None:
     """Replace the file at `path` whenever a function is called, before it runs."""
-    own = getattr(place, name)
+    original = getattr(module, name)
 
     def swap(*arguments: object) -> object:
         os.replace(path.with_name("other"), path)  # noqa: PTH105 - a single system call
-        return own(*arguments)
+        return original(*arguments)
 
-    monkeypatch.setattr(place, name, swap)
+    monkeypatch.setattr(module, name, swap)
 
 
 @pytest.mark.parametrize("other", ["checkpoint", "code", "pipe"])

@@ -30,11 +30,11 @@ if __name__ == "__main__":
 def stranger(tmp_path: Path) -> Path:
     """Return a folder with modules that leave a file `ran` when they are imported."""
     folder = tmp_path / "stranger"
-    places = [folder / f"{name}.py" for name in FILES]
-    places += [folder / name / "__init__.py" for name in FOLDERS]
-    for place in places:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(f"open({str(folder / 'ran')!r}, 'a').write(__file__ + '\\n')\n")
+    paths = [folder / f"{name}.py" for name in FILES]
+    paths += [folder / name / "__init__.py" for name in FOLDERS]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"open({str(folder / 'ran')!r}, 'a').write(__file__ + '\\n')\n")
     return folder
 
 

@@ -45,11 +45,11 @@ def field(*keys: str, value: object) -> Damage:
     """Set a field of a JSON file, or of a YAML file in JSON syntax."""
 
     def damage(path: Path) -> None:
-        found = inner = json.loads(path.read_text())
+        contents = inner = json.loads(path.read_text())
         for key in keys[:-1]:
             inner = inner[key]
         inner[keys[-1]] = value
-        path.write_text(json.dumps(found))
+        path.write_text(json.dumps(contents))
 
     return damage
 
@@ -133,11 +133,11 @@ def test_a_damaged_field_is_named_and_the_other_runs_are_ranked(name: str, tmp_p
 
 def test_files_with_fewer_and_other_keys_are_read(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", 0.9)
-    found = json.loads((folder / METRICS).read_text())
+    metrics = json.loads((folder / METRICS).read_text())
     for key in ("parameters", "data", "wall_s"):
-        del found[key]
-    found["whatever"] = {"else": [1, None, "x"]}
-    (folder / METRICS).write_text(json.dumps(found))
+        del metrics[key]
+    metrics["whatever"] = {"else": [1, None, "x"]}
+    (folder / METRICS).write_text(json.dumps(metrics))
     (folder / STATUS).write_text(json.dumps({"status": "finished", "mood": "good"}))
     (run_read,), unranked = read_scored([folder])
     assert not unranked
@@ -230,8 +230,8 @@ def test_a_damaged_drive_is_named_by_the_report(trained: Path) -> None:
 def test_film_names_a_log_that_is_no_regular_file(name: str, tmp_path: Path) -> None:
     log = tmp_path / name
     os.mkfifo(log)
-    for named in (tmp_path, log):
-        line = only_line(run_here(tmp_path, str(named), module="zoo.commands.film"))
+    for path in (tmp_path, log):
+        line = only_line(run_here(tmp_path, str(path), module="zoo.commands.film"))
         assert f"{log}: " in line
         assert "no regular file" in line
 

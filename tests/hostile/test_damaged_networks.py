@@ -81,8 +81,8 @@ def driven(path: Path) -> None:
 @st.composite
 def mutated_graphs(draw: st.DrawFn, model: onnx.ModelProto) -> bytes:
     """Draw an ONNX file with a changed node, tensor, input or metadata."""
-    found = onnx.ModelProto.FromString(model.SerializeToString())
-    graph = found.graph
+    proto = onnx.ModelProto.FromString(model.SerializeToString())
+    graph = proto.graph
     how = draw(st.sampled_from(("node", "lose", "tensor", "shape", "type", "card", "attribute")))
     node = draw(st.sampled_from(list(graph.node)))
     if how == "node":
@@ -102,13 +102,13 @@ def mutated_graphs(draw: st.DrawFn, model: onnx.ModelProto) -> bytes:
                 st.sampled_from((0, -1, 1, 3, 2**40))
             )
     elif how == "card":
-        (entry,) = [prop for prop in found.metadata_props if prop.key == CARD]
+        (entry,) = [prop for prop in proto.metadata_props if prop.key == CARD]
         entry.value = draw(mutated_json(json.loads(entry.value))).decode("utf-8", "ignore")
     elif node.attribute:
         attribute = draw(st.sampled_from(list(node.attribute)))
         attribute.i = draw(st.sampled_from((0, -1, 2**40)))
         attribute.ints[:] = [draw(st.sampled_from((0, -1, 2**40)))] * len(attribute.ints)
-    return found.SerializeToString()
+    return proto.SerializeToString()
 
 
 @FEW_AND_MANY

@@ -62,4 +62,4 @@ def test_a_damaged_recipe_records_nothing(name: str, tmp_path: Path, refusal: Re
     assert RECIPE in line
     assert words in line
     assert len(line) < 500
-    assert [one.name for one in (tmp_path / "laps").iterdir()] == [RECIPE]
+    assert [path.name for path in (tmp_path / "laps").iterdir()] == [RECIPE]

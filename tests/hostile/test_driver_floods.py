@@ -91,7 +91,7 @@ def test_a_flood_of_small_frames_is_closed_and_reported(tmp_path: Path, kind: st
             flood.join(60)
             assert not flood.is_alive()
         driver.stop()
-        (line,) = [one for one in driver.lines if "connection closed" in one and "printed" in one]
+        (line,) = [row for row in driver.lines if "connection closed" in row and "printed" in row]
         assert "127.0.0.1" in line
         assert "2,000" in line
 

@@ -41,13 +41,13 @@ Make = Callable[[Path], object]
 
 def listening(path: Path) -> None:
     """Create a socket's file; closing the socket keeps the file."""
-    place = Path.cwd()
+    cwd = Path.cwd()
     os.chdir(path.parent)  # the path of a socket must be short
     try:
         with socket.socket(socket.AF_UNIX) as bound:
             bound.bind(path.name)
     finally:
-        os.chdir(place)
+        os.chdir(cwd)
 
 
 def sparse(size: int) -> Make:

@@ -61,7 +61,7 @@ def parquet_table(folder: Path) -> Path:
 
 
 WRITERS: dict[str, tuple[Callable[[Path], Path], dict]] = {
-    name: (write, said) for name, (write, _, _, said) in FORMATS.items()
+    name: (write, options) for name, (write, _, _, options) in FORMATS.items()
 }
 WRITERS |= {
     "challenge2_test": (foreign.challenge2_test, {}),
@@ -86,7 +86,7 @@ def mutated(path: Path, strategies: Strategies) -> st.SearchStrategy[bytes]:
             return mutated_json(json.loads(data))
     if kind in (".catalog", ".json"):
         first, _, rest = data.rstrip(b"\n").rpartition(b"\n")
-        return mutated_json(json.loads(rest)).map(lambda one: first + b"\n" + one) | mutated_bytes(
+        return mutated_json(json.loads(rest)).map(lambda row: first + b"\n" + row) | mutated_bytes(
             data
         )
     if kind in strategies:
@@ -104,7 +104,7 @@ def test_damaged_recordings(
 
 def check_damaged(
     write: Callable[[Path], Path],
-    said: dict,
+    options: dict,
     by_suffix: Strategies,
     count: int,
     tmp_path: Path,
@@ -126,7 +126,7 @@ def check_damaged(
         if data is not None:
             path.write_bytes(data)
         try:
-            read_whole(folder, said | (DENIED if is_denied else {}))
+            read_whole(folder, options | (DENIED if is_denied else {}))
         except InputError as error:
             line = str(error)
             assert str(folder) in line
@@ -141,11 +141,11 @@ def check_damaged(
         for_each(damaged, read, count)
 
 
-def read_whole(folder: Path, said: dict) -> None:
+def read_whole(folder: Path, options: dict) -> None:
     """Check a recording, decode an image of each camera, and convert it if no row is bad."""
-    check(str(folder), **said)
-    recording = read_recordings(str(folder), **said, on_bad_row="skip", on_bad_image="skip")
+    check(str(folder), **options)
+    recording = read_recordings(str(folder), **options, on_bad_row="skip", on_bad_image="skip")
     for camera in np.flatnonzero(recording.images[0].astype(bool)).tolist():
         with suppress(OSError, ValueError):
             recording.image(0, camera)
-    converted(partial(convert_to_recording, options=ReadOptions(**said)), 0)(folder / "any")
+    converted(partial(convert_to_recording, options=ReadOptions(**options)), 0)(folder / "any")

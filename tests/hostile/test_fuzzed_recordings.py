@@ -34,8 +34,8 @@ def converted(convert: Callable, depth: int) -> Callable[[Path], object]:
             return convert(folder, out)
         except InputError as error:
             # A file without a usable row is named by its folder.
-            named = path.name if str(folder) in str(error) else "no file"
-            raise InputError(f"{named}: {error}") from None
+            name = path.name if str(folder) in str(error) else "no file"
+            raise InputError(f"{name}: {error}") from None
         finally:
             assert not [*out.parent.glob(".out*")]
             shutil.rmtree(out, ignore_errors=True)
@@ -61,8 +61,8 @@ def test_damaged_families(tmp_path: Path, count: int) -> None:
     damaged = mutated_json(yaml.safe_load(text)) | mutated_bytes(text.encode())
     path = tmp_path / "mine.yaml"
 
-    def read(found: Path) -> object:
-        return draw_road(find_family(str(found)), 17)
+    def read(file: Path) -> object:
+        return draw_road(find_family(str(file)), 17)
 
     read_damaged(damaged, read, path, count // 4)
 

@@ -44,12 +44,12 @@ def start(
 ) -> subprocess.Popen:
     """Start a program in a session and an environment of its own."""
     streams = {"stdout": stdout, "stderr": subprocess.PIPE, "text": True}
-    known = environment() | variables
-    return subprocess.Popen(words, cwd=cwd, env=known, start_new_session=True, **streams)
+    env = environment() | variables
+    return subprocess.Popen(words, cwd=cwd, env=env, start_new_session=True, **streams)
 
 
 @pytest.fixture(params=["tmp", "shm"])
-def place(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
+def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
     """Return a folder on the disk of temporary files, and one on another disk."""
     if request.param == "tmp":
         yield tmp_path
@@ -62,8 +62,8 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
         yield Path(folder)
 
 
-def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_path: Path) -> None:
-    path = place / "checkpoints" / "last.ckpt"
+def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(disk: Path, tmp_path: Path) -> None:
+    path = disk / "checkpoints" / "last.ckpt"
     moments = random.Random(0)
     for _ in range(4):
         words = (sys.executable, "-c", SAVER, str(path))
@@ -77,12 +77,12 @@ def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_p
         assert contents["number"] in (printed[-1], printed[-1] + 1)
         assert bool((contents["weights"] == contents["number"]).all())
         remove_parts(path.parent)
-        assert [one.name for one in path.parent.iterdir()] == ["last.ckpt"]
+        assert [file.name for file in path.parent.iterdir()] == ["last.ckpt"]
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_a_training_killed_thrice_resumes(place: Path, recorded: Written, tmp_path: Path) -> None:
-    folder = place / "run"
+def test_a_training_killed_thrice_resumes(disk: Path, recorded: Written, tmp_path: Path) -> None:
+    folder = disk / "run"
     shm = {"TMPDIR": str(SHM)} if SHM.is_dir() else {}
     base = [*SMALL, f"data.root={recorded.folder}", f"data.cache={tmp_path / 'cache'}"]
     begin = command("zoo", *base, "trainer.max_epochs=100000", f"hydra.run.dir={folder}")
@@ -133,7 +133,7 @@ def test_a_full_disk_is_named_and_the_run_resumes(
     best = folder / "checkpoints" / "best.ckpt"
     assert str(best) in line
     load_checkpoint(best)
-    assert [one.name for one in best.parent.iterdir()] == ["best.ckpt"]
+    assert [path.name for path in best.parent.iterdir()] == ["best.ckpt"]
     subprocess.run(["mount", "-o", "remount,size=40m", str(small_disk)], check=True)
     succeed(run(tmp_path, f"resume={folder}"))
     assert json.loads((folder / "metrics.json").read_text())["epochs"] == 2

@@ -54,8 +54,8 @@ WRITERS = {
 def test_a_link_in_place_of_a_file_is_not_followed(name: str, mine: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    for one in (name, f"{name}.part", f".{name}.part", f"{name}.{os.getpid()}.part"):
-        (folder / one).symlink_to(mine)
+    for link in (name, f"{name}.part", f".{name}.part", f"{name}.{os.getpid()}.part"):
+        (folder / link).symlink_to(mine)
     WRITERS[name](folder)
     assert mine.read_text() == "mine"
     assert not (folder / name).is_symlink()
@@ -133,12 +133,12 @@ def test_only_unfinished_files_of_a_killed_process_are_removed(mine: Path, tmp_p
     folder.mkdir()
     torch.save({}, folder / "best.ckpt")
     (folder / ".best.ckpt.0123456789abcdef.part").write_text("half")
-    kept = {"best.ckpt", "mine.part", ".x.part", "best.ckpt.parts"}
-    for name in kept - {"best.ckpt"}:
+    names = {"best.ckpt", "mine.part", ".x.part", "best.ckpt.parts"}
+    for name in names - {"best.ckpt"}:
         (folder / name).write_text("mine")
     (folder / ".y.0123456789abcdef.part").symlink_to(mine)
     remove_parts(folder)
-    assert {path.name for path in folder.iterdir()} == kept
+    assert {path.name for path in folder.iterdir()} == names
     assert mine.read_text() == "mine"
     shutil.rmtree(folder)
     remove_parts(folder)

@@ -60,8 +60,8 @@ def constructed(kind: type, bait: Path) -> Iterator[object]:
     """Yield what a class accepts: with one hostile value at a time, and with it everywhere."""
     names = [
         name
-        for name, taken in inspect.signature(kind.__init__).parameters.items()
-        if name != "self" and taken.kind not in (taken.VAR_POSITIONAL, taken.VAR_KEYWORD)
+        for name, param in inspect.signature(kind.__init__).parameters.items()
+        if name != "self" and param.kind not in (param.VAR_POSITIONAL, param.VAR_KEYWORD)
     ]
     for value in hostile_values(bait):
         for chosen in [*([name] for name in names), names]:
@@ -78,24 +78,24 @@ def bait(tmp_path: Path) -> Path:
     return path
 
 
-def use(place: str, found: object) -> None:
+def use(key: str, instance: object) -> None:
     """Use an object as a training would, where that needs no training."""
-    if place == "data.augment.*":
-        found.p = 1.0
-        found(image=np.full((32, 64, 3), 128, np.uint8))
-    elif place == "loss":
-        found(torch.zeros(2, 1), torch.ones(2, 1))
+    if key == "data.augment.*":
+        instance.p = 1.0
+        instance(image=np.full((32, 64, 3), 128, np.uint8))
+    elif key == "loss":
+        instance(torch.zeros(2, 1), torch.ones(2, 1))
 
 
-def touched(place: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch) -> list:
+def touched(key: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch) -> list:
     """Return what a class opened, started or connected to, constructed from hostile values."""
     read: list[object] = []  # OpenCV opens files in C++, without an audit event
     monkeypatch.setattr(cv2, "imread", lambda path, *_: read.append(path))
     with warnings.catch_warnings(), watched(bait) as events:
         warnings.simplefilter("ignore")
-        for found in constructed(kind, bait):
+        for instance in constructed(kind, bait):
             try:
-                use(place, found)
+                use(key, instance)
             except Exception:
                 continue
     return events + read
@@ -126,12 +126,12 @@ PATTERNS = [
 
 
 @pytest.mark.parametrize(
-    ("place", "kind"), [("data.augment.*", ReadingImage), ("optim", ReadingFile)]
+    ("key", "kind"), [("data.augment.*", ReadingImage), ("optim", ReadingFile)]
 )
 def test_a_class_that_reads_a_file_is_noticed(
-    place: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch
+    key: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert touched(place, kind, bait, monkeypatch)
+    assert touched(key, kind, bait, monkeypatch)
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
@@ -147,7 +147,7 @@ def test_no_class_touches_a_file_a_process_or_the_network(
 
 
 @pytest.mark.parametrize(
-    ("place", "target", "allowed"),
+    ("key", "target", "allowed"),
     [
         ("data.augment.x", "albumentations.RandomToneCurve", True),
         ("data.augment.x", "albumentations.GridDropout", True),
@@ -166,5 +166,5 @@ def test_no_class_touches_a_file_a_process_or_the_network(
         ("logger.x", "lightning.pytorch.loggers.MLFlowLogger", False),
     ],
 )
-def test_a_named_class_needs_only_yaml(place: str, target: str, allowed: bool) -> None:
-    assert is_allowed(tuple(place.split(".")), target) == allowed
+def test_a_named_class_needs_only_yaml(key: str, target: str, allowed: bool) -> None:
+    assert is_allowed(tuple(key.split(".")), target) == allowed

@@ -143,12 +143,12 @@ def nobody(tmp_path: Path) -> Iterator[list[str]]:
     """Return the prefix that runs a command as a user without rights."""
     if os.geteuid() or not shutil.which("setpriv"):
         pytest.skip("only root can become another user")
-    modes = {place: place.stat().st_mode for place in (tmp_path, *tmp_path.parents[:2])}
-    for place, mode in modes.items():
-        place.chmod(mode | 0o055)
+    modes = {folder: folder.stat().st_mode for folder in (tmp_path, *tmp_path.parents[:2])}
+    for folder, mode in modes.items():
+        folder.chmod(mode | 0o055)
     yield ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
-    for place, mode in modes.items():
-        place.chmod(mode)
+    for folder, mode in modes.items():
+        folder.chmod(mode)
 
 
 @pytest.mark.parametrize("name", ["driving_log.csv", "."])

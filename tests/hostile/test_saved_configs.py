@@ -244,32 +244,32 @@ def test_a_strangers_recording_is_not_written(
     strangers: Path, tmp_path: Path, refusal: Refusal
 ) -> None:
     """Recording there would remove a folder that ends in .part and empty a .lock file."""
-    kept = tmp_path / "laps.part"
-    kept.mkdir()
+    folder = tmp_path / "laps.part"
+    folder.mkdir()
     change(strangers, "data.root", None)
     change(strangers, "data.record", {"out": str(tmp_path / "laps"), "passes": [{"laps": 0.01}]})
     assert "data.record.out" in refusal("zoo", zoo, ["resume=run", "trainer.max_epochs=2"])
-    assert kept.exists()
+    assert folder.exists()
     assert not (tmp_path / "laps.lock").exists()
 
 
-@pytest.mark.parametrize("place", ["../../../kept", "/etc/kept"])
+@pytest.mark.parametrize("target", ["../../../kept", "/etc/kept"])
 def test_a_checkpoint_does_not_name_files_to_delete(
-    place: str, strangers: Path, tmp_path: Path, refusal: Refusal
+    target: str, strangers: Path, tmp_path: Path, refusal: Refusal
 ) -> None:
     """Lightning deletes the path of the earlier best checkpoint, which its saved state names."""
-    kept = tmp_path / "kept"
-    kept.write_text("mine")
+    file = tmp_path / "kept"
+    file.write_text("mine")
     path = strangers / "checkpoints" / "last.ckpt"
     contents = torch.load(path, weights_only=True)
     for state in contents["callbacks"].values():
         if isinstance(state, dict) and "dirpath" in state:
-            bad = str(Path(state["dirpath"]) / place)
+            bad = str(Path(state["dirpath"]) / target)
             state.update(best_model_path=bad, kth_best_model_path=bad, last_model_path=bad)
             state["best_k_models"] = {bad: torch.tensor(99.0)}
     torch.save(contents, path)
     assert "last.ckpt" in refusal("zoo", zoo, ["resume=run", "trainer.max_epochs=2"])
-    assert kept.read_text() == "mine"
+    assert file.read_text() == "mine"
 
 
 @pytest.mark.slow
@@ -277,15 +277,15 @@ def test_a_rerun_enters_no_folder_of_a_config(
     strangers: Path, recorded: Written, tmp_path: Path
 ) -> None:
     """Python would import a module there instead of ours."""
-    place = tmp_path / "place"
-    (place / "zoo").mkdir(parents=True)
-    (place / "zoo" / "__init__.py").write_text("")
-    (place / "zoo" / "__main__.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')")
-    (place / "laps").symlink_to(recorded.folder)
+    cwd = tmp_path / "place"
+    (cwd / "zoo").mkdir(parents=True)
+    (cwd / "zoo" / "__init__.py").write_text("")
+    (cwd / "zoo" / "__main__.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')")
+    (cwd / "laps").symlink_to(recorded.folder)
     change(strangers, "data.root", "laps")
     hydra = strangers / ".hydra" / "hydra.yaml"
     settings = OmegaConf.load(hydra)
-    OmegaConf.update(settings, "hydra.runtime.cwd", str(place))
+    OmegaConf.update(settings, "hydra.runtime.cwd", str(cwd))
     OmegaConf.save(settings, hydra)
     result = run(tmp_path, "run", "out=again", module="zoo.commands.rerun")
     assert not (tmp_path / "ran").exists()
@@ -319,8 +319,8 @@ def write_sweep(folder: Path, arguments: list[str]) -> Path:
 def test_a_strangers_sweep_is_not_resumed(
     argument: str, trust: str, recorded: Written, here: Path, refusal: Refusal
 ) -> None:
-    own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", argument]
-    folder = write_sweep(here / "sweep", own)
+    arguments = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", argument]
+    folder = write_sweep(here / "sweep", arguments)
     line = refusal("zoo.commands.sweep", sweep.main, ["resume=sweep"])
     assert "sweep.json" in line
     assert f"trust={trust}" in line
@@ -330,8 +330,8 @@ def test_a_strangers_sweep_is_not_resumed(
 def own_loss(folder: Path, recorded: Written) -> list[str]:
     """Write a user's loss; return the arguments of a sweep that trains with it."""
     (folder / "my_losses.py").write_text("from torch.nn import MSELoss as Mine\n")
-    own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", "loss._target_=my_losses.Mine"]
-    return [*own, "trainer.max_epochs=1"]
+    base = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", "loss._target_=my_losses.Mine"]
+    return [*base, "trainer.max_epochs=1"]
 
 
 @pytest.mark.slow

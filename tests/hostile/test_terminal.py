@@ -112,17 +112,17 @@ NAME = "<img src=x onerror=hacked=1> {{data}} \"'"
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
     """Write two finished runs and a failed one, with hostile texts everywhere."""
-    found = []
+    folders = []
     for number in range(3):
         folder = tmp_path / f"{NAME} {number}"
         given = (f"model={HOSTILE}{number}", f"+{IMAGE}={SCRIPT}{number}")
         write_run(folder, 1.0 - number / 10, seed=number, overrides=given, tracks=(HOSTILE,))
         config = {"seed": number, "model": {"name": HOSTILE}, "data": {"root": HOSTILE}}
         (folder / ".hydra" / "config.yaml").write_text(json.dumps(config))
-        found.append(folder)
-    change_status(found[2], status="failed", reason=HOSTILE)
-    (found[2] / "metrics.json").unlink()
-    return found
+        folders.append(folder)
+    change_status(folders[2], status="failed", reason=HOSTILE)
+    (folders[2] / "metrics.json").unlink()
+    return folders
 
 
 def check_harmless(page: Path, images: int, scripts: int, profile: Path) -> str:
