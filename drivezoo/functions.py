@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -231,13 +230,7 @@ def drive(driver: str | os.PathLike[str], **keys: Any) -> ServedDrive | None:
         InputError: the checkpoint cannot be loaded, the port is taken, or the embedded simulator
             failed.
     """
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        folder = drive_command(driver, **keys)
-    finally:
-        for number, handler in handlers.items():
-            if signal.getsignal(number) != handler:  # as set in the main thread alone
-                signal.signal(number, handler)
+    folder = drive_command(driver, **keys)
     return None if folder is None else ServedDrive.read(folder)
 
 

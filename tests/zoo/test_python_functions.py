@@ -1,9 +1,12 @@
 """The commands as functions: their figures, files and errors, and the notebooks that call them."""
 
 import csv
+import gc
 import json
 import os
 import re
+import signal
+import socket
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -119,9 +122,22 @@ def test_a_wrong_call_raises_one_line(call, kind: type[Exception], words: str, h
 
 def test_a_thread_other_than_the_main_one_can_drive(here: Path) -> None:
     with ThreadPoolExecutor(1) as pool:
-        assert not pool.submit(StopOnSignal).result().asked
+        assert not pool.submit(lambda: StopOnSignal().__enter__()).result().asked
         with pytest.raises(drivezoo.InputError, match=r"no\.ckpt: no such checkpoint"):
             pool.submit(drivezoo.drive, "no.ckpt").result()
+
+
+def test_a_refused_drive_leaves_neither_a_port_nor_a_signal_taken(here: Path) -> None:
+    path = write_constant(here / "steady.ckpt", 0.0)
+    before = signal.getsignal(signal.SIGINT)
+    gc.disable()  # which would close the port at some moment
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(drivezoo.InputError, match="spread"):
+        drivezoo.drive(path, port=port, speed="doubt")
+    gc.enable()
+    socket.create_server(("127.0.0.1", port)).close()
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_a_policy_drives_an_environment(tmp_path: Path) -> None:
@@ -160,8 +176,8 @@ def test_the_expert_drives_each_road_of_a_family() -> None:
 def test_a_recording_is_replayed(tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "lake", rows=190).folder
     keys = {"out": tmp_path / "a", "table": tmp_path / "a.tex"}
-    found = drivezoo.replay(lambda frame, mph: (0.0, None), folder, **keys)
-    assert found.table()[0]["autonomy"] == found.figures["autonomy"]
+    replay = drivezoo.replay(lambda frame, mph: (0.0, None), folder, **keys)
+    assert replay.table()[0]["autonomy"] == replay.figures["autonomy"]
     assert "autonomy" in (tmp_path / "a.tex").read_text()
 
 
@@ -175,10 +191,10 @@ def results(here: Path) -> Path:
 
 
 def test_results_of_the_benchmark_are_compared(results: Path) -> None:
-    found = drivezoo.compare("a", "b", table="ab.csv", plot="ab.svg")
-    assert "B drives better" in repr(found)
-    assert [row["group"] for row in found.table()][-1] == "all but laps"
-    assert len((results / "ab.csv").read_text().splitlines()) == 1 + len(found.table())
+    comparison = drivezoo.compare("a", "b", table="ab.csv", plot="ab.svg")
+    assert "B drives better" in repr(comparison)
+    assert [row["group"] for row in comparison.table()][-1] == "all but laps"
+    assert len((results / "ab.csv").read_text().splitlines()) == 1 + len(comparison.table())
     assert "<svg" in (results / "ab.svg").read_text()
 
 
@@ -192,19 +208,19 @@ def test_runs_are_ranked_and_listed(run: Training, here: Path) -> None:
 def test_a_result_is_shown_and_becomes_a_plot_and_a_data_frame(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = drivezoo.read_benchmark("a")
-    found.show()
+    benchmark = drivezoo.read_benchmark("a")
+    benchmark.show()
     printed = capsys.readouterr().out
     assert "digest of the drives" in printed
     assert "next: drivezoo benchmark verify a\n" in printed
-    text = write_plot(found.plot(), Path("a.svg")).read_text()
-    assert all(f"<!-- {group} -->" in text for group in found.result.groups)
+    text = write_plot(benchmark.plot(), Path("a.svg")).read_text()
+    assert all(f"<!-- {group} -->" in text for group in benchmark.result.groups)
     # In place of pandas, which is not among the tests' packages.
     monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda rows: ("of", rows)))
-    assert found.to_pandas() == ("of", found.table())
+    assert benchmark.to_pandas() == ("of", benchmark.table())
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(drivezoo.InputError, match="pip install pandas"):
-        found.to_pandas()
+        benchmark.to_pandas()
 
 
 def test_a_served_drive_returns_its_figures(tmp_path: Path) -> None:
@@ -264,13 +280,13 @@ def test_a_function_takes_the_users_own_parts(
 
 
 def test_the_quickstart_trains_and_drives(recorded: Written, here: Path) -> None:
-    found = run_notebook("quickstart.ipynb", RECORDING=str(recorded.folder), **TINY)
-    assert found["rows"][0]["drives"] == 1
-    assert found["run"].checkpoint.is_file()
+    variables = run_notebook("quickstart.ipynb", RECORDING=str(recorded.folder), **TINY)
+    assert variables["rows"][0]["drives"] == 1
+    assert variables["run"].checkpoint.is_file()
     assert "autonomy" in (here / "driving.tex").read_text()
-    images = [one._repr_png_() for one in found["shown"] if hasattr(one, "_repr_png_")]
+    images = [image._repr_png_() for image in variables["shown"] if hasattr(image, "_repr_png_")]
     assert images
-    assert all(one.startswith(b"\x89PNG") for one in images)
+    assert all(image.startswith(b"\x89PNG") for image in images)
 
 
 def test_the_notebook_for_colab_installs_trains_films_and_keeps(
@@ -288,10 +304,10 @@ def test_the_notebook_for_colab_installs_trains_films_and_keeps(
     monkeypatch.setattr(subprocess, "run", install)
     source = "/content/drive/MyDrive/drivezoo"
     keys = {"RECORDING": str(recorded.folder), "SOURCE": source, "KEEP": str(here / "kept")}
-    found = run_notebook("colab.ipynb", **keys, **TINY)
+    variables = run_notebook("colab.ipynb", **keys, **TINY)
     assert mounted == ["/content/drive"]
     assert typed == [["-m", "pip", "install", "--quiet", source]]
-    (film,) = (one for one in found["shown"] if type(one).__name__ == "Film")
+    (film,) = (value for value in variables["shown"] if type(value).__name__ == "Film")
     assert "data:video/mp4;base64," in film._repr_html_()
     assert (here / "kept" / "run" / "checkpoints" / "best.ckpt").is_file()
     assert list((here / "kept" / "drives").glob("*/film.mp4"))

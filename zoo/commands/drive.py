@@ -6,9 +6,10 @@ import secrets
 import signal
 import subprocess
 import threading
+from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from zoo.base.child_process import end_module, start_module
 from zoo.base.command import command
@@ -51,20 +52,26 @@ def drive(ckpt: str, *, settings: DriveSettings) -> Path | None:
 
     Raises:
         UsageError: other machines could connect although `expose` is false.
-        InputError: see `serve`; or there is no such track.
+        InputError: see `serve`; the port is taken, or there is no such track.
     """
     check_settings(settings)
-    return serve(str(find_checkpoint(ckpt)), settings)
+    checkpoint = str(find_checkpoint(ckpt))
+    port = open_port(*settings.server, "page" if settings.world else "port")
+    # The port is opened before the slow import of torch; simulators that connect wait.
+    with StopOnSignal() as stop, port:
+        return serve(checkpoint, settings, port, stop)
 
 
-def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
+def serve(
+    checkpoint: str, settings: DriveSettings, listener: "GreenSocket", stop: "StopOnSignal"
+) -> Path | None:
     """Serve until Ctrl-C or the simulator's end, then print the drive's figures.
 
     Returns:
         The drive's folder; None if no frame came.
 
     Raises:
-        InputError: the port is taken, the checkpoint cannot be loaded, or the simulator failed.
+        InputError: the checkpoint cannot be loaded, or the simulator failed.
     """
     from zoo.base.notices import Notices
     from zoo.scoring.evidence import other_car_line
@@ -75,11 +82,9 @@ def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     simulator = None
     if settings.world:  # a subclass of an abstract class
         simulator = load_class(SIMULATORS, settings.world, DrivenSimulator)  # type: ignore[type-abstract]
-    began, notices, stop = datetime.now(), Notices(), StopOnSignal()
+    began, notices = datetime.now(), Notices()
     source = file_name(settings.place or "") if settings.world else None
     writer = BackgroundWriter(settings.record or dated_folder("drives"), notices, source)
-    # The port is opened before the slow import of torch; simulators that connect wait.
-    listener = open_port(*settings.server, "page" if settings.world else "port")
     load = functools.partial(
         load_warm_policy,
         threads=settings.threads,
@@ -181,17 +186,27 @@ class EmbeddedClient:
         return ""
 
 
-class StopOnSignal:
+class StopOnSignal(AbstractContextManager):
     """A handler of Ctrl-C and SIGTERM that sets `asked`; a second Ctrl-C interrupts.
+
+    At the end of the `with` block, the signals are handled as before.
 
     Signals reach the main thread alone: a drive of another thread ends by itself.
     """
 
     def __init__(self) -> None:
-        self.asked = False
+        self.asked, self._before = False, dict[int, Any]()
+
+    def __enter__(self) -> "StopOnSignal":
         for name in ("SIGINT", "SIGTERM", "SIGBREAK"):  # the last on Windows only
             if hasattr(signal, name) and threading.current_thread() is threading.main_thread():
-                signal.signal(getattr(signal, name), self._ask)
+                number = getattr(signal, name)
+                self._before[number] = signal.signal(number, self._ask)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def _ask(self, number: int, frame: object) -> None:
         if self.asked and number == signal.SIGINT:

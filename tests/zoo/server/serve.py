@@ -119,7 +119,8 @@ def main(folder: str, option: str | None = None) -> None:
     line = f"listening on http://127.0.0.1:{server.port}"
     if option and page is None:
         connections.HEAD_S = connections.QUIET_S = socketio_server.QUIET_S = float(option)
-    server.serve(lambda: notices.print(line), lambda: stop.asked)
+    with stop:
+        server.serve(lambda: notices.print(line), lambda: stop.asked)
     gc.collect()
     tasks = sum(isinstance(one, GreenThread) and not one.dead for one in gc.get_objects())
     sessions = sum(isinstance(one, Socket) for one in gc.get_objects())
