@@ -335,8 +335,7 @@ def expert_steering_per_s(drive: Drive) -> float | None:
     On a track: the expert's, on a lap at the same speed from start seed 0 in clear weather, in
     `metrics.json` alone. In a replay: that of the recorded driver.
     """
-    is_known = math.isfinite(drive.expert_steering_per_s)
-    return drive.expert_steering_per_s if is_known else None
+    return drive.expert_steering_per_s if math.isfinite(drive.expert_steering_per_s) else None
 
 
 @metric("speed", "mph", NEITHER, OURS, decimals=1, tables=(DRIVES,))

@@ -111,8 +111,7 @@ class Driver:
             self._began_s = now_s
         elapsed_s, session.last_s = now_s - session.last_s, now_s
         served_s, session.heard_s = wall_s - session.heard_s, wall_s
-        judged = session.sends_cross_track
-        self.tally.step(elapsed_s, served_s, session.speed_mph, judged)
+        self.tally.step(elapsed_s, served_s, session.speed_mph, session.sends_cross_track)
         if elapsed_s > LONGEST_STEP_S:
             session.rule.restart()
         session.decimal = decimal_sign(data) or session.decimal

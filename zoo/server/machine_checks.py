@@ -96,8 +96,7 @@ def check_packages() -> Iterator[Finding]:
         return
     missing = [name for name in map(_name, wanted) if installed_version(name) is None]
     if missing:
-        result = f"not installed: {', '.join(missing)}"
-        yield Finding(FAULT, "packages", result, INSTALL)
+        yield Finding(FAULT, "packages", f"not installed: {', '.join(missing)}", INSTALL)
     for line in wanted:
         yield from _check_package(line)
     versions = {name: installed_version(name) for name in SHOWN}

@@ -128,8 +128,7 @@ def find_candidates(checkpoints: Path, monitor: str | None) -> list[dict]:
         if path.is_file():
             epoch = trained_epochs(read_checkpoint_file(path))
             what = (what or monitored_as(monitor)) if epoch else "the initial weights"
-            row = {"file": file, "what": what, "epoch": epoch}
-            candidates.setdefault(epoch, row)
+            candidates.setdefault(epoch, {"file": file, "what": what, "epoch": epoch})
     return list(candidates.values())
 
 

@@ -140,8 +140,7 @@ class CapturedGroup(GroupStep):
         self, module: StepModule, batch_loss: BatchLoss, size: int, console: Console
     ) -> None:
         super().__init__(module, batch_loss)
-        optimizer = module.trainer.optimizers[0]
-        self.captured = CapturedStep(self.whole_step, optimizer, size, console)
+        self.captured = CapturedStep(self.whole_step, module.trainer.optimizers[0], size, console)
 
     def step_ahead(self, group: list[Batch]) -> None:
         """Take no step: `loss` takes all."""
