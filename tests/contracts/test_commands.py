@@ -29,14 +29,14 @@ MOST_SHOWN = 27
 PLACES = places()
 SPECIAL = ("train", "simulator")
 COMMANDS: dict[str, Command[Any]] = {
-    name: load(place) for name, place in PLACES.items() if name not in SPECIAL
+    name: load(entry) for name, entry in PLACES.items() if name not in SPECIAL
 }
-COMMANDS |= {f"simulator {name}": one for name, one in all_commands().items()}
-WITH_KEYS = [name for name, one in COMMANDS.items() if one.keys]
+COMMANDS |= {f"simulator {name}": cmd for name, cmd in all_commands().items()}
+WITH_KEYS = [name for name, cmd in COMMANDS.items() if cmd.keys]
 RANGED = [
     (name, key.name)
-    for name, one in COMMANDS.items()
-    for key in one.keys
+    for name, cmd in COMMANDS.items()
+    for key in cmd.keys
     if key.kind in (int, float, bool) or get_origin(key.kind) is Annotated
     if not any(isinstance(mark, Choice) for mark in get_args(key.kind))
 ]
@@ -75,25 +75,25 @@ def test_the_signature_and_the_docstring_say_the_same(name: str) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_help_has_a_row_per_argument_and_key(name: str, capsys: pytest.CaptureFixture) -> None:
-    one = COMMANDS[name]
-    one.main(["--help"])
+    cmd = COMMANDS[name]
+    cmd.main(["--help"])
     printed = capsys.readouterr().out
     assert printed.startswith(f"usage: drivezoo {name}")
     assert max(map(len, printed.splitlines())) <= 100
-    for argument in one.arguments:
+    for argument in cmd.arguments:
         assert f"\n  {argument}" in printed
-    for key in one.keys:
+    for key in cmd.keys:
         assert f"\n  {command_line([f'{key.name}={key.typed}'])}" in printed
 
 
 @pytest.mark.parametrize("name", WITH_KEYS)
 def test_a_typo_names_the_right_key(name: str) -> None:
-    one, key = COMMANDS[name], COMMANDS[name].keys[-1].name
+    cmd, key = COMMANDS[name], COMMANDS[name].keys[-1].name
     typo = f"{key[:-1]}{key[-1] * 2}"
     with pytest.raises(UsageError, match=f"{typo}: no such key; did you mean .*{key}"):
-        one.main([*arguments_of(one), f"{typo}=1"])
+        cmd.main([*arguments_of(cmd), f"{typo}=1"])
     with pytest.raises(UsageError, match="no such key"):
-        one(*arguments_of(one), **{typo: 1})
+        cmd(*arguments_of(cmd), **{typo: 1})
 
 
 @pytest.mark.parametrize(("name", "key"), RANGED)
@@ -103,7 +103,7 @@ def test_a_value_of_another_type_names_the_key(name: str, key: str) -> None:
     needed = {"out": "x"} if name == "simulator record" else {}
     with pytest.raises(UsageError, match=f"^{key}=many: must be "):
         called.main([*words, f"{key}=many", *(f"{name}={text}" for name, text in needed.items())])
-    (kind,) = (known.kind for known in called.keys if known.name == key)
+    (kind,) = (entry.kind for entry in called.keys if entry.name == key)
     if bool not in kinds_in(kind):
         with pytest.raises(UsageError, match=f"^{key}=true: must be "):
             called(*words, **{key: True}, **needed)
@@ -123,16 +123,16 @@ def test_a_value_out_of_range_names_the_range() -> None:
 
 
 CHECKPOINTS = [
-    name for name, one in COMMANDS.items() if next(iter(one.arguments), "").startswith("CKPT")
+    name for name, cmd in COMMANDS.items() if next(iter(cmd.arguments), "").startswith("CKPT")
 ]
 
 
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_checkpoints_path_is_taken_as_it_stands(name: str) -> None:
     path = "my run=[1], ${x} {a}/lr=0.1 'best'.ckpt"
-    one = COMMANDS[name]
+    cmd = COMMANDS[name]
     with pytest.raises(InputError) as failed:
-        one.main([path, *arguments_of(one)[1:]])
+        cmd.main([path, *arguments_of(cmd)[1:]])
     assert str(failed.value).startswith(f"{path}: no such checkpoint")
 
 
@@ -252,9 +252,9 @@ def test_a_refused_output_names_a_real_key(case: str, recorded: Written, tmp_pat
     name = case.partition(",")[0]
     module = PLACES[name].partition(":")[0]
     line = run(tmp_path, *IN_THE_WAY[case], module=module).stderr.splitlines()[-1]
-    named = re.findall(r"([\w.]+)=", line)
-    assert named, line
-    assert set(named) <= {key.name for key in COMMANDS[name].keys}
+    names = re.findall(r"([\w.]+)=", line)
+    assert names, line
+    assert set(names) <= {key.name for key in COMMANDS[name].keys}
     assert ".part" not in line
     assert "free some space" not in line
 

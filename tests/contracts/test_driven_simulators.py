@@ -33,8 +33,8 @@ def make_driver(folder: Path) -> Driver:
 
 
 def test_a_simulator_drives_or_names_a_failure(kind: type[DrivenSimulator], tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        address = f"127.0.0.1:{taken.getsockname()[1]}/road"  # which nothing listens on
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"127.0.0.1:{server.getsockname()[1]}/road"  # which nothing listens on
     driver = make_driver(tmp_path / "drive")
     simulator = kind(driver, address, None, True)
     simulator.start()

@@ -39,22 +39,22 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(params=KINDS, ids=".".join)
-def named(request: pytest.FixtureRequest) -> tuple[str, str]:
+def names(request: pytest.FixtureRequest) -> tuple[str, str]:
     return request.param
 
 
 @pytest.fixture
-def kind(named: tuple[str, str]) -> Kind:
-    ((_, kind),) = exports(*named)
+def kind(names: tuple[str, str]) -> Kind:
+    ((_, kind),) = exports(*names)
     if missing := [package for package in kind.packages if not find_spec(package)]:
         pytest.skip(f"needs {' and '.join(missing)}")
     return kind
 
 
 @pytest.fixture
-def export(named: tuple[str, str], checkpoint: str, recorded: Written) -> Export:
+def export(names: tuple[str, str], checkpoint: str, recorded: Written) -> Export:
     """Return a function that exports the checkpoint to a path."""
-    options = (str(recorded.folder), Console(soft_wrap=True), *named)
+    options = (str(recorded.folder), Console(soft_wrap=True), *names)
     return lambda out, **keys: export_checkpoint(checkpoint, str(out), *options, **keys)
 
 

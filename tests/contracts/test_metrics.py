@@ -89,9 +89,9 @@ def test_a_benchmark_has_a_users_metric_with_its_interval() -> None:
     drives = []
     for road in range(4):
         figures = measure(DRIVES_OF_ROWS["embedded"]) | {"mine": 0.25 * road}
-        known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
-        place = {"group": "like", "track": str(road), "settings": {}}
-        drives.append(DriveRecord(checkpoint=0, **place, figures=known, digest=""))
+        values = {name: value if math.isfinite(value) else None for name, value in figures.items()}
+        fields = {"group": "like", "track": str(road), "settings": {}}
+        drives.append(DriveRecord(checkpoint=0, **fields, figures=values, digest=""))
     figures = summarize_drives(drives).groups["like"]
     assert figures["mine"].value == 0.375
     assert figures["mine"].low < 0.375 < figures["mine"].high

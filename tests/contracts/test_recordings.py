@@ -56,11 +56,11 @@ def check_written(
     assert (result.folder, result.rows) == (tmp_path / name, ROWS)
     assert shares
     assert all(0 <= share <= 1 for share in shares)
-    detecting = [other for other, known in formats().items() if known.detect(tmp_path / name)]
+    detecting = [other for other, kind in formats().items() if kind.detect(tmp_path / name)]
     assert detecting == [name]
-    detected, known = find_format(tmp_path / name)
-    assert (detected, bool(known.title)) == (name, True)
-    recording = known.read(tmp_path / name, ReadOptions())
+    detected, kind = find_format(tmp_path / name)
+    assert (detected, bool(kind.title)) == (name, True)
+    recording = kind.read(tmp_path / name, ReadOptions())
     check_recording(recording, source)
     for column in exact:
         np.testing.assert_array_equal(getattr(recording, column), getattr(source, column), column)
@@ -158,37 +158,37 @@ def test_a_bad_row_is_one_line_or_is_left_out_and_listed(name: str, tmp_path: Pa
 
 
 def check_a_bad_row(name: str, example: Example, tmp_path: Path) -> None:
-    write, damage, place, said = example
+    write, damage, pattern, options = example
     folder = str(write(tmp_path / "recording"))
-    if not said:
+    if not options:
         assert find_format(Path(folder))[0] == name
-    whole = read_recordings(folder, **said)
+    whole = read_recordings(folder, **options)
     assert (len(whole), whole.bad_rows) == (foreign.ROWS, ())
     damage(Path(folder))
-    with pytest.raises(InputError, match=rf"{place}[^\n]*on_bad_row=skip[^\n]*$"):
-        read_recordings(folder, **said)
-    rest = read_recordings(folder, **said, on_bad_row="skip")
+    with pytest.raises(InputError, match=rf"{pattern}[^\n]*on_bad_row=skip[^\n]*$"):
+        read_recordings(folder, **options)
+    rest = read_recordings(folder, **options, on_bad_row="skip")
     assert len(rest) + len(rest.bad_rows) == foreign.ROWS
     assert 1 <= len(rest.bad_rows) <= 2, "a missing signal is interpolated by both neighbours"
-    assert re.search(place, rest.bad_rows[0])
+    assert re.search(pattern, rest.bad_rows[0])
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_folder_of_images_is_taken_or_refused(name: str, tmp_path: Path) -> None:
-    write, _, _, said = FORMATS[name]
+    write, _, _, options = FORMATS[name]
     folder = write(tmp_path / "recording")
     if name not in ("udacity", "table"):
-        check_a_refused_folder_of_images(folder, said)
+        check_a_refused_folder_of_images(folder, options)
         return
     images = str(shutil.copytree(folder, tmp_path / "elsewhere") / "IMG")
     if name == "table":
         images = str(tmp_path / "elsewhere")
-    assert read_recordings(str(folder), **said, images=images).images[0, 0].startswith(images)
+    assert read_recordings(str(folder), **options, images=images).images[0, 0].startswith(images)
 
 
-def check_a_refused_folder_of_images(folder: Path, said: dict) -> None:
+def check_a_refused_folder_of_images(folder: Path, options: dict) -> None:
     with pytest.raises(UsageError, match=r"^images=.*leave images= out"):
-        read_recordings(str(folder), **said, images=str(folder.parent))
+        read_recordings(str(folder), **options, images=str(folder.parent))
 
 
 LOGS = {
@@ -205,12 +205,12 @@ def test_a_last_line_that_is_being_written_is_no_error(name: str, tmp_path: Path
 
 
 def check_a_half_written_line(example: Example, file: str, tmp_path: Path) -> None:
-    write, _, _, said = example
+    write, _, _, options = example
     folder = write(tmp_path / "recording")
     lines = (folder / file).read_bytes().splitlines(keepends=True)
     half = lines[-1][: len(lines[-1]) // 2].rpartition(b",")[0]
     (folder / file).write_bytes(b"".join(lines) + half)
-    again = read_recordings(str(folder), **said)
+    again = read_recordings(str(folder), **options)
     assert (len(again), again.bad_rows) == (foreign.ROWS, ())
 
 

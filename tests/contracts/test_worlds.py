@@ -135,5 +135,5 @@ def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:
     recording = read_recordings(str(folder / "recording"))
     straight = as_policy(lambda frame, mph: (0.0, None))
     (replayed,) = all_drives(straight, [Scenario(margin=0.5)], world=ReplayWorld(recording))
-    (named,) = all_drives(straight, [Scenario("recording", world="replay", margin=0.5)])
-    np.testing.assert_array_equal(replayed.cross_track_m, named.cross_track_m)
+    (by_name,) = all_drives(straight, [Scenario("recording", world="replay", margin=0.5)])
+    np.testing.assert_array_equal(replayed.cross_track_m, by_name.cross_track_m)

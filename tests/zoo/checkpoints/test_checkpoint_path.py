@@ -54,7 +54,7 @@ def work(here: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("named", "file"),
+    ("path", "file"),
     [
         ("late/checkpoints/last.ckpt", "late/checkpoints/last.ckpt"),
         ("late", "late/checkpoints/best.ckpt"),
@@ -64,9 +64,9 @@ def work(here: Path) -> Path:
     ],
 )
 def test_a_file_is_itself_and_a_run_its_best_checkpoint_or_else_its_last(
-    work: Path, named: str, file: str
+    work: Path, path: str, file: str
 ) -> None:
-    assert find_checkpoint(f"outputs/{named}") == Path("outputs", file)
+    assert find_checkpoint(f"outputs/{path}") == Path("outputs", file)
 
 
 def test_latest_is_the_run_that_started_last_and_has_a_checkpoint(
@@ -135,14 +135,14 @@ def odd(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("named", [f"outputs/{ODD}", "latest"])
+@pytest.mark.parametrize("path", [f"outputs/{ODD}", "latest"])
 def test_python_and_the_doctor_load_a_run(
-    named: str, odd: Path, monkeypatch: pytest.MonkeyPatch
+    path: str, odd: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(odd)
-    assert doctor.sort_paths([named]) == (f"outputs/{ODD}/checkpoints/best.ckpt", None)
-    assert load_policy(named).name == "PilotNet"
-    assert load_checkpoint(named).config["model"]["name"] == "nvidia"
+    assert doctor.sort_paths([path]) == (f"outputs/{ODD}/checkpoints/best.ckpt", None)
+    assert load_policy(path).name == "PilotNet"
+    assert load_checkpoint(path).config["model"]["name"] == "nvidia"
 
 
 def test_evaluate_takes_the_latest_run_and_keeps_which_it_was(
@@ -171,7 +171,7 @@ def test_evaluate_takes_the_latest_run_and_keeps_which_it_was(
 def test_every_command_names_the_run_to_take_instead(
     arguments: tuple[str, ...], odd: Path, recorded
 ) -> None:
-    module, *rest = (one.format(recording=recorded.folder) for one in arguments)
+    module, *rest = (argument.format(recording=recorded.folder) for argument in arguments)
     line = only_line(run_here(odd, *rest, module=module))
     assert "outputs/none: no such checkpoint" in line
     assert f"outputs/{ODD}/checkpoints/best.ckpt" in line

@@ -40,10 +40,10 @@ def test_onnxruntime_steers_as_torch(name: str, large: None) -> None:
 
 def check_engines(both: list[Policy]) -> None:
     """Check that a policy of torch and one of onnxruntime steer the same."""
-    assert [dict(one.engine) for one in both] == [{"name": "torch"}, {"name": "onnx"}]
-    assert [engine.engine_text(one.engine) for one in both] == ["", "engine onnx"]
+    assert [dict(policy.engine) for policy in both] == [{"name": "torch"}, {"name": "onnx"}]
+    assert [engine.engine_text(policy.engine) for policy in both] == ["", "engine onnx"]
     for frame in FRAMES:
-        ours, theirs = (one(frame, 9.0) for one in both)
+        ours, theirs = (policy(frame, 9.0) for policy in both)
         assert ours.steering == pytest.approx(theirs.steering, abs=1e-5)
         assert (ours.throttle is None) == (theirs.throttle is None)
 

@@ -19,7 +19,7 @@ from zoo.training.initial_weights import load_weights
 def archive(tmp_path: Path) -> Path:
     """Write the weights of a network as an archive of NumPy."""
     path = tmp_path / "net.npz"
-    np.savez(path, **{name: one.numpy() for name, one in build("tiny")[0].state_dict().items()})
+    np.savez(path, **{name: value.numpy() for name, value in build("tiny")[0].state_dict().items()})
     return path
 
 

@@ -25,7 +25,7 @@ from zoo.commands import evaluate
 
 def write_foreign(path: Path, **metadata: str) -> Path:
     """Write another program's file, which returns its input."""
-    of = [onnx.helper.make_tensor_value_info(one, onnx.TensorProto.FLOAT, [1]) for one in "xy"]
+    of = [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in "xy"]
     node = onnx.helper.make_node("Identity", ["x"], ["y"])
     opset = onnx.helper.make_opsetid("", 17)
     graph = onnx.helper.make_graph([node], "graph", [of[0]], [of[1]])
@@ -209,7 +209,7 @@ def test_a_state_that_is_not_returned_is_refused(
     remembering: onnx.ModelProto, tmp_path: Path
 ) -> None:
     model = onnx.ModelProto.FromString(remembering.SerializeToString())
-    (state,) = [one for one in model.graph.output if one.name == "next_0"]
+    (state,) = [output for output in model.graph.output if output.name == "next_0"]
     model.graph.output.remove(state)
     onnx.save(model, tmp_path / "odd.onnx")
     with pytest.raises(InputError, match=r"odd\.onnx: .*the state that it takes"):

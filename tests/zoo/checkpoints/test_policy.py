@@ -40,9 +40,9 @@ WHOLE = View((60, 25), "rgb", None)  # without a smaller size
 def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
     checkpoint = checkpoint_of(name)
     network, view = checkpoint.network, checkpoint.view
-    pictures = np.random.default_rng(1).integers(0, 256, (5, *view.shape), np.uint8)
+    images = np.random.default_rng(1).integers(0, 256, (5, *view.shape), np.uint8)
     frames = [
-        network_inputs(one, SPEED if facts_of(network).takes_speed else None) for one in pictures
+        network_inputs(image, SPEED if facts_of(network).takes_speed else None) for image in images
     ]
     wanted = outputs_of(network, network, frames)
     forward = quick_forward(network, view)
@@ -54,11 +54,11 @@ def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
 def outputs_of(network: nn.Module, forward: Callable, frames: list[tuple]) -> list[Tensor]:
     """Return the outputs for frames, one after the other; with the state of one with memory."""
     if not isinstance(network, Memory):
-        return [forward(*one) for one in frames]
+        return [forward(*frame) for frame in frames]
     forward = network.step if forward is network else forward
     outs, state = [], network.first_state()
-    for one in frames:
-        out, *state = forward(*one, *state)
+    for frame in frames:
+        out, *state = forward(*frame, *state)
         outs.append(out)
     return outs
 
@@ -73,10 +73,10 @@ class Moody(LeNet):
 
 def test_a_network_that_no_graph_repeats_drives_as_it_is() -> None:
     network = Moody((3, 75, 320)).eval()
-    pictures = np.random.default_rng(0).integers(0, 256, (3, *WHOLE.shape), np.uint8)
-    network.threshold = float(np.sort([one.mean() for one in pictures])[:2].mean())
+    images = np.random.default_rng(0).integers(0, 256, (3, *WHOLE.shape), np.uint8)
+    network.threshold = float(np.sort([image.mean() for image in images])[:2].mean())
     assert quick_forward(network, WHOLE) is network
-    assert all(one.is_contiguous() for one in network.parameters())
+    assert all(tensor.is_contiguous() for tensor in network.parameters())
 
 
 class Failing(nn.Module):
@@ -208,8 +208,8 @@ SCALE = 0.2
 @pytest.fixture(scope="module")
 def checkpoint(run_folder: Path) -> Checkpoint:
     """Return a checkpoint whose output counts as a curvature."""
-    found = load_checkpoint(run_folder)
-    return replace(found, data=found.data | {CURVATURE: SCALE})
+    original = load_checkpoint(run_folder)
+    return replace(original, data=original.data | {CURVATURE: SCALE})
 
 
 @pytest.mark.parametrize("rig", [UDACITY, SHORT], ids=lambda rig: rig.name)
@@ -226,8 +226,8 @@ def test_an_onnx_file_steers_as_its_checkpoint(checkpoint, tmp_path: Path) -> No
     policies = [CheckpointPolicy(checkpoint), OnnxPolicy(tmp_path / "model.onnx")]
     for policy in policies:
         policy.rig = SHORT
-    expected, found = (policy(FRAMES[0], 9.0).steering for policy in policies)
-    assert found == pytest.approx(expected, abs=1e-5)
+    expected, steered = (policy(FRAMES[0], 9.0).steering for policy in policies)
+    assert steered == pytest.approx(expected, abs=1e-5)
     import onnx
 
     assert f"in {SCALE} 1/m" in onnx.load(tmp_path / "model.onnx").doc_string
@@ -244,5 +244,5 @@ def test_a_spread_becomes_one_of_the_steering() -> None:
     policy = Policy()
     policy.data = {CURVATURE: float(UDACITY.curvature(1.0))}
     policy.rig = replace(UDACITY, steering_deg=12.5)
-    found = policy.for_car(Command(0.1, spread=0.05))
-    assert found.spread == pytest.approx(0.05 * found.steering / 0.1, rel=0.02)
+    command = policy.for_car(Command(0.1, spread=0.05))
+    assert command.spread == pytest.approx(0.05 * command.steering / 0.1, rel=0.02)

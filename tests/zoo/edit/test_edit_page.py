@@ -85,7 +85,7 @@ def shown(state: dict) -> str:
 
 
 @pytest.mark.parametrize(
-    ("other", "own"),
+    ("other", "order"),
     [
         ({"drop": [10, 20]}, {"write": True}),
         ({"split": 60}, {"undo": True}),
@@ -94,17 +94,17 @@ def shown(state: dict) -> str:
     ],
 )
 def test_a_page_that_shows_old_edits_neither_edits_nor_writes(
-    served: ServedPage, other: dict, own: dict, tmp_path: Path
+    served: ServedPage, other: dict, order: dict, tmp_path: Path
 ) -> None:
     old = shown(served.order(drop=[50, 60])[1])
     state = served.order(old, **other)[1]
-    status, answer = served.order(old, **own)
+    status, answer = served.order(old, **order)
     assert status == 409
     assert "another page" in answer["error"]
     after = served.read("/state.json")
     assert {**after, "analysed": 0} == {**state, "analysed": 0}
     assert not (tmp_path / "lap_edited").exists()
-    assert served.order(shown(after), **own)[0] == 200
+    assert served.order(shown(after), **order)[0] == 200
 
 
 def test_a_page_of_an_earlier_session_is_refused(served: ServedPage) -> None:
@@ -228,8 +228,8 @@ def test_unfinished_requests_do_not_keep_others_out(served: ServedPage) -> None:
     held = [begin(served.port, b"GET / HT") for _ in range(MOST_REQUESTS + 2)]
     assert served.read("/state.json")
     assert is_closed(held[0])
-    for one in held:
-        one.close()
+    for client in held:
+        client.close()
 
 
 def test_written_recordings_load_under_different_names(served: ServedPage, tmp_path: Path) -> None:
@@ -312,7 +312,7 @@ def check_stale(browser: Browser, served: ServedPage) -> None:
     browser.click("#dismiss")
     browser.click("#undo")
     browser.wait_for(f"document.querySelector('#kept').textContent.startsWith('{rows + 10} of')")
-    browser.errors = [one for one in browser.errors if "409" not in one]
+    browser.errors = [error for error in browser.errors if "409" not in error]
 
 
 def check_narrow(browser: Browser) -> None:
