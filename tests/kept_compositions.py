@@ -46,7 +46,7 @@ def kept_file(self: ConfigRepository, config_path: str) -> ConfigResult | None:
     """Return a file's config, read before if possible."""
     if not only_our_files(self.get_sources()):
         return load_file(self, config_path)
-    return kept(("file", config_path), lambda: load_file(self, config_path))
+    return copy_of(("file", config_path), lambda: load_file(self, config_path))
 
 
 def kept_choice(
@@ -55,17 +55,17 @@ def kept_choice(
     """Return Hydra's list of files for the overrides, chosen before if possible."""
     if not only_our_files(repo.get_sources()):
         return choose_files(repo, config_name, overrides_list, **how)
-    typed = [one for one in overrides_list if not one.is_sweep_override()]
+    typed = [override for override in overrides_list if not override.is_sweep_override()]
     values = [
-        one
-        for one in typed
-        if isinstance(one.value(), dict) or not repo.group_exists(one.key_or_group)
+        override
+        for override in typed
+        if isinstance(override.value(), dict) or not repo.group_exists(override.key_or_group)
     ]
-    groups = [one for one in typed if one not in values]
-    key = "choice", config_name, *sorted(how.items()), *(one.input_line for one in groups)
-    found = kept(key, lambda: choose_files(repo, config_name, groups, **how))
-    found.config_overrides.extend(values)
-    return found
+    groups = [override for override in typed if override not in values]
+    key = "choice", config_name, *sorted(how.items()), *(override.input_line for override in groups)
+    files = copy_of(key, lambda: choose_files(repo, config_name, groups, **how))
+    files.config_overrides.extend(values)
+    return files
 
 
 def kept_merge(
@@ -74,10 +74,10 @@ def kept_merge(
     """Return the merged files of a list, merged before if possible."""
     if not only_our_files(repo.get_sources()):
         return merge_files(self, defaults, repo)
-    return kept(("merge", *map(repr, defaults)), lambda: merge_files(self, defaults, repo))
+    return copy_of(("merge", *map(repr, defaults)), lambda: merge_files(self, defaults, repo))
 
 
-def kept(key: tuple, make: Callable[[], object]) -> object:
+def copy_of(key: tuple, make: Callable[[], object]) -> object:
     """Return a new copy of what `make` returned for this key; Hydra changes what it is given."""
     if key not in _kept:
         _kept[key] = pickle.dumps(make())
@@ -86,4 +86,4 @@ def kept(key: tuple, make: Callable[[], object]) -> object:
 
 def only_our_files(sources: list[ConfigSource]) -> bool:
     """Return whether all files come from the project, and none from a user's folder."""
-    return {Path(one.path) for one in sources if one.scheme() == "file"} == CONF
+    return {Path(source.path) for source in sources if source.scheme() == "file"} == CONF

@@ -101,16 +101,16 @@ def write_recording(
         "speed_mph": speeds,
     }
     texts = {name: [format_number(value) for value in column] for name, column in columns.items()}
-    moments = [FIRST + datetime.timedelta(milliseconds=round(1000 * one)) for one in time]
-    stems = [f"{one:%Y_%m_%d_%H_%M_%S}_{one.microsecond // 1000:03d}" for one in moments]
+    moments = [FIRST + datetime.timedelta(milliseconds=round(1000 * second)) for second in time]
+    stems = [f"{moment:%Y_%m_%d_%H_%M_%S}_{moment.microsecond // 1000:03d}" for moment in moments]
 
     lines = [HEADER] if header else []
     for row, stem in enumerate(stems):
         fields = []
         for camera in SIDEWAYS:
             blank = " " if style == "relative" and camera != "center" else ""
-            known = camera in cameras
-            fields.append(f"{blank}{FOLDERS[style]}{camera}_{stem}.jpg" if known else "")
+            present = camera in cameras
+            fields.append(f"{blank}{FOLDERS[style]}{camera}_{stem}.jpg" if present else "")
         numbers = [texts[name][row] for name in columns]
         fields += [text.replace(".", ",") if decimal_comma else text for text in numbers]
         lines.append(",".join(fields))
@@ -126,7 +126,7 @@ def write_recording(
     return Written(
         folder=folder,
         stems=stems,
-        time_s=np.array([one.replace(tzinfo=utc).timestamp() for one in moments]),
+        time_s=np.array([moment.replace(tzinfo=utc).timestamp() for moment in moments]),
         **{name: np.array([float(text) for text in column]) for name, column in texts.items()},
     )
 
@@ -239,7 +239,7 @@ def recording_in_memory(
         if camera in cameras:
             images[:, column] = [f"/lake/IMG/{camera}_{row}.jpg" for row in range(rows)]
     return Recording(
-        names=tuple(f"/lake/{one}" for one in range(len(sizes))),
+        names=tuple(f"/lake/{index}" for index in range(len(sizes))),
         recording=number,
         line=np.arange(1, rows + 1),
         images=images,

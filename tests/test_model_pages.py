@@ -66,7 +66,7 @@ def test_the_index_has_the_commands_figures(
 def test_a_page_has_what_a_reader_looks_for(page: Path) -> None:
     headings = re.findall(r"^## (.+)$", page.read_text(), re.M)
     for heading in ("Layers", "Differences", "Results", "Vary", "Cite"):
-        assert any(one.startswith(heading) for one in headings), heading
+        assert any(text.startswith(heading) for text in headings), heading
 
 
 PAGE = (Path(__file__).parents[1] / "docs" / "settings.md").read_text()
@@ -80,11 +80,11 @@ def config() -> dict:
 
 @pytest.mark.parametrize(("key", "default"), ROWS)
 def test_a_default_is_the_configs(key: str, default: str, config: dict) -> None:
-    known = OmegaConf.create(config)
-    place, _, last = key.rpartition(".")
+    defaults = OmegaConf.create(config)
+    section, _, last = key.rpartition(".")
     if key != "experiment":  # it names the recipe and is no key of the composed config
-        assert last in (OmegaConf.select(known, place) if place else known)
-    assert OmegaConf.select(known, key) == yaml.safe_load(default)
+        assert last in (OmegaConf.select(defaults, section) if section else defaults)
+    assert OmegaConf.select(defaults, key) == yaml.safe_load(default)
 
 
 def named_choices() -> list[tuple[str, str]]:
@@ -93,16 +93,16 @@ def named_choices() -> list[tuple[str, str]]:
     They stand in headings and in lines that begin with `group=NAME`; those of `augment` in a table,
     those of `model` in the line below its heading.
     """
-    named = []
+    pairs = []
     for line in PAGE.splitlines():
-        if found := re.match(r"(?:## .*\()?`([a-z]+)=([a-z]\w*)`(.*)", line):
-            group, first, rest = found.groups()
-            named += [(group, name) for name in (first, *re.findall(r"`(\w+)`", rest))]
+        if match := re.match(r"(?:## .*\()?`([a-z]+)=([a-z]\w*)`(.*)", line):
+            group, first, rest = match.groups()
+            pairs += [(group, name) for name in (first, *re.findall(r"`(\w+)`", rest))]
     _, _, augment = PAGE.partition("\n## Augmentation")
     names = re.findall(r"^\| `(\w+)` \|", augment.partition("\n## ")[0], re.M)
-    named += [("augment", name) for name in names]
+    pairs += [("augment", name) for name in names]
     (models,) = re.findall(r"^## Network .*\n\n(.*)\. Each", PAGE, re.M)
-    return named + [("model", name) for name in re.findall(r"`(\w+)`", models)]
+    return pairs + [("model", name) for name in re.findall(r"`(\w+)`", models)]
 
 
 @pytest.mark.parametrize(("group", "name"), named_choices())

@@ -39,8 +39,8 @@ def words_in_zsh(lines: list[str], folder: Path) -> list[list[str] | None]:
     shell = ["zsh", "-f", "-i", "-c", READ % " ".join(PROGRAMS)]
     places = {"OUT": str(folder / "out"), "COMMANDS": str(folder / "lines"), "HOME": str(folder)}
     subprocess.run(shell, cwd=folder / "empty", env=places, capture_output=True, check=False)
-    found = [folder / "out" / str(number) for number in range(1, len(lines) + 1)]
-    texts = [path.read_text() if path.exists() else None for path in found]
+    paths = [folder / "out" / str(number) for number in range(1, len(lines) + 1)]
+    texts = [path.read_text() if path.exists() else None for path in paths]
     return [None if text is None else text.split("\0")[:-1] for text in texts]
 
 
@@ -58,16 +58,16 @@ def assert_read_alike(lines: list[str], folder: Path) -> None:
 
 def lines_of(page: Path) -> list[str]:
     """Return the commands of a page's blocks and sentences, and its single keys."""
-    found = []
+    lines = []
     for block in blocks(page):
         if block["language"] in SHELLS:
             text = block["text"].replace("\\\n", " ")
-            found += [line.strip().removeprefix("$ ") for line in text.splitlines()]
+            lines += [line.strip().removeprefix("$ ") for line in text.splitlines()]
     text = FENCE.sub("", page.read_text()).replace("\\|", "|")
-    found += [span[1] for span in SPAN.finditer(text)]
+    lines += [span[1] for span in SPAN.finditer(text)]
     keys = [span[1] for span in KEYS.finditer(text)]
-    found += [f"typed {key}" for key in keys if not PYTHON.search(key)]
-    return [line for line in found if line.startswith(PROGRAMS)]
+    lines += [f"typed {key}" for key in keys if not PYTHON.search(key)]
+    return [line for line in lines if line.startswith(PROGRAMS)]
 
 
 def test_every_command_of_the_manual_is_read_by_zsh_as_it_stands(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_every_command_of_the_manual_is_read_by_zsh_as_it_stands(tmp_path: Path)
 
 def test_no_block_of_the_manual_has_a_comment() -> None:
     """In a terminal zsh passes its words to the command."""
-    found = [
+    comments = [
         f"{page.name}: {line}"
         for page in PAGES
         for block in blocks(page)
@@ -88,7 +88,7 @@ def test_no_block_of_the_manual_has_a_comment() -> None:
         for line in block["text"].splitlines()
         if re.search(r"(^|\s)#\s", line)
     ]
-    assert found == []
+    assert comments == []
 
 
 def test_every_key_and_example_of_help_is_read_by_zsh_as_it_stands(tmp_path: Path) -> None:
@@ -98,8 +98,8 @@ def test_every_key_and_example_of_help_is_read_by_zsh_as_it_stands(tmp_path: Pat
         printed = succeed(run_here(ROOT, *words, "--help", module=module))
         rows = [line.strip() for line in printed.splitlines()]
         columns = [re.split(r"\s{2,}(?![^']*'(?:\s|$))", row)[0] for row in rows]
-        lines += [f"typed {one}" for one in columns if re.match(r"'?[\w.]+=", one)]
-        lines += [one for one in columns if one.startswith("drivezoo ")]
+        lines += [f"typed {column}" for column in columns if re.match(r"'?[\w.]+=", column)]
+        lines += [column for column in columns if column.startswith("drivezoo ")]
     assert len(lines) > 200
     assert any("[" in line for line in lines)
     assert_read_alike(lines, tmp_path)

@@ -93,7 +93,7 @@ def test_pages_name_the_commit_of_a_study_that_is_gone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "named"),
+    ("arguments", "message"),
     [
         ([], "available: board"),
         (["bord"], "bord: no such study; available: board"),
@@ -103,13 +103,13 @@ def test_pages_name_the_commit_of_a_study_that_is_gone() -> None:
         (["first_try", "only=lenet-real"], "lenet-real"),
     ],
 )
-def test_a_wrong_option_is_named(arguments: list[str], named: str) -> None:
-    with pytest.raises(InputError, match=named):
+def test_a_wrong_option_is_named(arguments: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         study.main(arguments)
 
 
 @pytest.mark.parametrize(
-    ("changed", "arguments", "named"),
+    ("changed", "arguments", "message"),
     [
         ("zoo/policy.py", [], "zoo/policy.py: differs from the commit"),
         ("docs/claims.csv", [], "docs/claims.csv: differs from the commit"),
@@ -118,11 +118,11 @@ def test_a_wrong_option_is_named(arguments: list[str], named: str) -> None:
     ],
 )
 def test_figures_are_measured_from_a_commit(
-    changed: str, arguments: list[str], named: str, monkeypatch: pytest.MonkeyPatch
+    changed: str, arguments: list[str], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(study, "changed_files", lambda _: [changed])
     monkeypatch.setattr(Study, "chosen", lambda _: (_ for _ in ()).throw(InputError("no entry Z")))
-    with pytest.raises(InputError, match=named):
+    with pytest.raises(InputError, match=message):
         study.main(["claims", *arguments])
 
 
@@ -312,8 +312,8 @@ def test_rows_are_kept_as_text_and_newer_ones_replace_older(tmp_path: Path) -> N
     key = Study("claims", []).config["key"]
     newer = CLAIM | {"seed": 1, "frame_rate": 15.0, "autonomy": 0.7}
     merged = merge(read_csv(path), [newer, CLAIM | {"seed": 3}], key)
-    kept = {str(row["seed"]): row["autonomy"] for row in merged}
-    assert [*kept.items()] == [("1", 0.7), ("2", "1.0"), ("3", "0.9")]
+    autonomy = {str(row["seed"]): row["autonomy"] for row in merged}
+    assert [*autonomy.items()] == [("1", 0.7), ("2", "1.0"), ("3", "0.9")]
 
 
 def write_entry(folder: Path, clean: float = 0.9, seeds: int = 3, **changes: object) -> Path:
@@ -388,11 +388,11 @@ def test_a_kept_result_has_every_drive_and_its_digest_but_no_folder(pages: Path)
         driver["file"] = str(folder / driver["file"])
     (folder / "result.json").write_text(json.dumps(content))
     add_entry(folder)
-    kept, given = (read_result(path) for path in (board_rows.BOARD / "mine", folder))
-    assert kept.digest == given.digest
-    assert kept.groups == given.groups
-    assert len(kept.drives) == 3 * len(LEVELS)
-    assert [driver.file for driver in kept.checkpoints] == ["0.ckpt", "1.ckpt", "2.ckpt"]
+    stored, given = (read_result(path) for path in (board_rows.BOARD / "mine", folder))
+    assert stored.digest == given.digest
+    assert stored.groups == given.groups
+    assert len(stored.drives) == 3 * len(LEVELS)
+    assert [driver.file for driver in stored.checkpoints] == ["0.ckpt", "1.ckpt", "2.ckpt"]
 
 
 def test_what_drives_has_weights_in_16_bits(tmp_path: Path) -> None:
@@ -417,12 +417,12 @@ def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "named"),
+    ("changes", "message"),
     [({}, r"card\.md"), ({"entry": "a | <b>"}, "letters"), ({"suite": "v1-quick"}, "quick")],
 )
-def test_an_incomplete_submission_is_refused(changes: dict, named: str, pages: Path) -> None:
+def test_an_incomplete_submission_is_refused(changes: dict, message: str, pages: Path) -> None:
     """A name stands in Markdown; an entry of another suite is no line of the board."""
-    with pytest.raises(InputError, match=named):
+    with pytest.raises(InputError, match=message):
         study.main(["board", f"add={write_entry(pages / 'entry', **changes)}"])
     assert not board_rows.BOARD.exists()
 

@@ -27,7 +27,7 @@ def test_images_are_found_here_wherever_the_log_was_made(tmp_path, style, header
 def test_a_fingerprint_holds_no_digits_that_processors_compute_differently(tmp_path):
     recording = read_recordings(str(write_recording(tmp_path / "lake", rows=9).folder))
     others = (replace(recording, steering=recording.steering + change) for change in (-2e-16, 1e-4))
-    same = [one.fingerprint() == recording.fingerprint() for one in others]
+    same = [changed.fingerprint() == recording.fingerprint() for changed in others]
     assert same == [True, False]
 
 
@@ -140,12 +140,12 @@ def test_an_image_that_was_cleaned_out_of_a_copy_is_not_read_from_the_original(t
 
 
 def test_two_logs_joined_read_the_images_of_both(tmp_path):
-    one, two = recorded_here(tmp_path / "one"), recorded_here(tmp_path / "two")
-    for image in two.folder.glob("IMG/*"):
+    first, second = recorded_here(tmp_path / "one"), recorded_here(tmp_path / "two")
+    for image in second.folder.glob("IMG/*"):
         image.rename(image.with_name(image.name.replace("_2018_", "_2019_")))
-    with one.log.open("a") as log:
-        log.write(two.log.read_text().replace("_2018_", "_2019_"))
-    recording = read_recordings(str(one.folder))
+    with first.log.open("a") as log:
+        log.write(second.log.read_text().replace("_2018_", "_2019_"))
+    recording = read_recordings(str(first.folder))
     parents = [Path(path).parents[1].name for path in recording.images[:, 0]]
     assert parents == ["one"] * 4 + ["two"] * 4
     assert f"the images of 4 rows are read from {tmp_path}/two/IMG," in recording.notes[0]
@@ -172,12 +172,12 @@ def test_a_missing_image_is_named_or_skipped(tmp_path, camera, replace_image, wo
     folder = str(written.folder)
     image.unlink()
     replace_image(image)
-    place = f"{written.log}, row 3: {words.format(image.name)}"
-    assert f"{place} in {folder}/IMG (1 of 4 rows" in refusal(read_recordings, folder)
+    message = f"{written.log}, row 3: {words.format(image.name)}"
+    assert f"{message} in {folder}/IMG (1 of 4 rows" in refusal(read_recordings, folder)
     recording = read_recordings(folder, on_bad_image="skip")
     assert recording.line.tolist() == [1, 2, 4]
     np.testing.assert_array_equal(recording.steering, np.delete(written.steering, 2))
-    assert recording.bad_images == (place,)
+    assert recording.bad_images == (message,)
 
 
 def test_an_image_may_be_a_link(tmp_path):
@@ -208,17 +208,17 @@ def test_all_images_missing(tmp_path, on_bad_image):
 
 
 def test_a_fingerprint_is_that_of_labels_and_names_wherever_the_folder_is(tmp_path):
-    one = write_recording(tmp_path / "one", rows=5, style="windows")
-    two = write_recording(tmp_path / "two", rows=5, style="linux")
-    recording = read_recordings(str(one.folder))
+    first = write_recording(tmp_path / "one", rows=5, style="windows")
+    second = write_recording(tmp_path / "two", rows=5, style="linux")
+    recording = read_recordings(str(first.folder))
     before = recording.fingerprint()
-    assert read_recordings(str(two.folder)).fingerprint() == before, "the log of another machine"
+    assert read_recordings(str(second.folder)).fingerprint() == before, "the log of another machine"
     assert recording.keep(np.arange(5) != 2).fingerprint() != before
-    moved = one.folder.rename(tmp_path / "moved")
+    moved = first.folder.rename(tmp_path / "moved")
     log = moved / "driving_log.csv"
     assert read_recordings(str(moved)).fingerprint() == before
     for column in ("steering", "speed_mph"):
-        number = f",{getattr(one, column)[3]:.7G}"
+        number = f",{getattr(first, column)[3]:.7G}"
         replace_in(log, number, ",0.987")
         assert read_recordings(str(moved)).fingerprint() != before
         replace_in(log, ",0.987", number)

@@ -53,8 +53,8 @@ def test_every_yaml_constructs_its_object(path: Path, tmp_path: Path) -> None:
         keys = {key: value for key, value in OmegaConf.load(CONF / path).items() if key != "speed"}
         assert WorldSettings(**keys) == WorldSettings()
     elif path.parts[0] == "hydra":
-        place = {"hydra": {"sweep": {"dir": str(tmp_path)}}}
-        settings = OmegaConf.create(place | {"own": OmegaConf.load(CONF / path)}).own
+        folders = {"hydra": {"sweep": {"dir": str(tmp_path)}}}
+        settings = OmegaConf.create(folders | {"own": OmegaConf.load(CONF / path)}).own
         _import_package_of(settings._target_)
         assert Plugins.instance()._instantiate(settings)
     else:
@@ -104,9 +104,9 @@ def numbers(node: dict, *keys: str) -> Iterator[Number]:
             yield Number((*keys, key), value, node.get("_target_"))
 
 
-def refuse_true(config: dict, found: list[Number]) -> None:
+def refuse_true(config: dict, entries: list[Number]) -> None:
     """Check that `true` is refused as each of the numbers."""
-    for number in found:
+    for number in entries:
         section = config
         *sections, key = number.keys
         for name in sections:
@@ -119,9 +119,9 @@ def refuse_true(config: dict, found: list[Number]) -> None:
 
 def test_true_is_no_number_in_any_key() -> None:
     config = composed("data.root=laps")
-    found = list(numbers(config))
-    assert len(found) > 20
-    refuse_true(config, found)
+    entries = list(numbers(config))
+    assert len(entries) > 20
+    refuse_true(config, entries)
 
 
 # An experiment has no keys of its own: those that it changes are checked.
@@ -133,10 +133,10 @@ def test_true_is_no_number_in_any_key_of_any_choice(group: str) -> None:
             continue  # its layers are in a file
         config = config_of(group, name)
         check(config)
-        own = [one for one in numbers(config) if group in (*one.keys, "experiment")]
-        found = [number for number in own if number not in seen]  # an earlier choice has the rest
-        refuse_true(config, found)
-        seen += found
+        listed = [number for number in numbers(config) if group in (*number.keys, "experiment")]
+        new = [number for number in listed if number not in seen]  # an earlier choice has the rest
+        refuse_true(config, new)
+        seen += new
 
 
 def _construct(group: str, name: str, folder: Path) -> None:

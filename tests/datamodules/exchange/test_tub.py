@@ -52,7 +52,7 @@ def write_tub(folder: Path, records: list[dict], deleted: tuple[int, ...] = ()) 
 
 
 def record(index: int, **changed: object) -> dict:
-    found = {
+    content = {
         "cam/image_array": f"{index}_cam_image_array_.jpg",
         "user/angle": index / 10,
         "user/throttle": 0.3,
@@ -61,7 +61,7 @@ def record(index: int, **changed: object) -> dict:
         "_session_id": "21-05-01_0",
         "_timestamp_ms": 1_600_000_000_000 + 50 * index,
     }
-    return found | {key.replace("__", "/"): value for key, value in changed.items()}
+    return content | {key.replace("__", "/"): value for key, value in changed.items()}
 
 
 def test_images_come_back_to_the_bit_and_pauses(
@@ -83,7 +83,7 @@ def test_the_tub_has_donkeycars_keys(recorded: Written, tub: Path) -> None:
     assert catalogs["current_index"] == 40
     rows = (tub / "catalog_0.catalog").read_text().splitlines(keepends=True)
     lengths = json.loads((tub / "catalog_0.catalog_manifest").read_text())["line_lengths"]
-    assert lengths == [len(one) for one in rows]
+    assert lengths == [len(row) for row in rows]
     first = json.loads(rows[0])
     assert first["user/angle"] == recorded.steering[0]
     assert first["user/throttle"] == recorded.throttle[0] - recorded.brake[0]
@@ -140,8 +140,8 @@ def test_padding_keeps_the_shape_of_an_odd_size(tmp_path: Path) -> None:
     cv2.imwrite(str(tub / "images" / "9_cam_image_array_.jpg"), np.full((120, 160, 3), 180))
     convert_to_recording(tub, tmp_path / "kept")
     convert_to_recording(tub, tmp_path / "padded", fit="pad")
-    kept, padded = (read_recordings(str(tmp_path / one)).images[1, 0] for one in ("kept", "padded"))
-    assert cv2.imread(kept).shape == (120, 160, 3)
+    odd, padded = (read_recordings(str(tmp_path / fit)).images[1, 0] for fit in ("kept", "padded"))
+    assert cv2.imread(odd).shape == (120, 160, 3)
     assert cv2.imread(padded).shape == (120, 240, 3)
     seen = read_image(padded)
     assert seen[:, :30].max() < 30, "a black bar"
@@ -153,9 +153,9 @@ def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
     tub.mkdir()
     for index in (1, 2, 10):
         cv2.imwrite(str(tub / f"{index}_cam.jpg"), np.full((120, 160, 3), index, np.uint8))
-        found = {"cam/image_array": f"{index}_cam.jpg", "user/angle": index / 100}
-        found |= {"user/throttle": -0.5, "milliseconds": 100 * index}
-        (tub / f"record_{index}.json").write_text(json.dumps(found))
+        content = {"cam/image_array": f"{index}_cam.jpg", "user/angle": index / 100}
+        content |= {"user/throttle": -0.5, "milliseconds": 100 * index}
+        (tub / f"record_{index}.json").write_text(json.dumps(content))
     convert_to_recording(tub, tmp_path / "new")
     new = read_recordings(str(tmp_path / "new"))
     assert new.steering.tolist() == [0.01, 0.02, 0.1]
@@ -285,7 +285,7 @@ def test_images_of_another_kind_are_named(ending: str, tmp_path: Path) -> None:
 
 def test_drives_are_counted_by_the_gaps_that_check_counts(tmp_path: Path) -> None:
     """One session with two gaps of time is three drives."""
-    late = [record(one, _timestamp_ms=1_600_000_000_000 + 5000 * (one // 2)) for one in range(6)]
+    late = [record(n, _timestamp_ms=1_600_000_000_000 + 5000 * (n // 2)) for n in range(6)]
     result = convert_to_recording(write_tub(tmp_path / "tub", late), tmp_path / "out")
     (report,) = report_recordings(read_recordings(str(tmp_path / "out")))
     assert (result.drives, report.gaps) == (3, 2)
@@ -293,9 +293,9 @@ def test_drives_are_counted_by_the_gaps_that_check_counts(tmp_path: Path) -> Non
 
 def test_a_forks_keys_are_read(tmp_path: Path) -> None:
     """Forks write `steering` and `throttle`, and no mode."""
-    plain = [record(one) for one in range(4)]
+    plain = [record(index) for index in range(4)]
     keys = {"user/angle": "steering", "user/throttle": "throttle"}
-    forked = [{keys.get(name, name): one[name] for name in one} for one in plain]
+    forked = [{keys.get(name, name): row[name] for name in row} for row in plain]
     recording = read_recordings(str(write_tub(tmp_path / "tub", forked)))
     assert recording.steering.tolist() == [0.0, 0.1, 0.2, 0.3]
     assert recording.throttle.tolist() == [0.3] * 4

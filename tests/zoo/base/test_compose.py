@@ -110,9 +110,9 @@ def test_a_key_is_given_once(typed: str, key: str, tmp_path: Path) -> None:
 def test_what_users_type_means_the_same(typed: str, meant: str, tmp_path: Path) -> None:
     (tmp_path / "my lake").mkdir()
     folder = tmp_path / "my lake"
-    found = compose_config(hydra_overrides([typed.format(folder=folder)]))
-    assert found == compose_config(hydra_overrides([meant.format(folder=folder)]))
-    assert found != compose_config([]) or "lr" not in typed
+    config = compose_config(hydra_overrides([typed.format(folder=folder)]))
+    assert config == compose_config(hydra_overrides([meant.format(folder=folder)]))
+    assert config != compose_config([]) or "lr" not in typed
 
 
 @pytest.mark.parametrize(
@@ -171,8 +171,8 @@ def test_an_interpolation_in_a_path_is_resolved_unless_escaped() -> None:
 def test_a_list_of_odd_paths_is_a_list(tmp_path: Path) -> None:
     odd = tmp_path / "laps [1], é"
     odd.mkdir()
-    found = composed(f"data.root=[{odd}, other laps=2,'c, d']", "data.root")
-    assert found == [str(odd), "other laps=2", "c, d"]
+    roots = composed(f"data.root=[{odd}, other laps=2,'c, d']", "data.root")
+    assert roots == [str(odd), "other laps=2", "c, d"]
 
 
 @given(st.text(alphabet="a\\'\"${}[]=, ï:()", max_size=8))
@@ -187,8 +187,8 @@ def composed(argument: str, key: str) -> object:
 
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
         config = compose("config", hydra_overrides([argument]), return_hydra_config=True)
-    found = OmegaConf.select(config, key)
-    return list(found) if OmegaConf.is_list(found) else found
+    value = OmegaConf.select(config, key)
+    return list(value) if OmegaConf.is_list(value) else value
 
 
 @pytest.mark.parametrize(
@@ -206,15 +206,15 @@ def test_callbacks_keep_checkpoints(arguments: list[str], more: set[str], tmp_pa
     mine = tmp_path / "callbacks" / "mine.yaml"
     mine.write_text("mine: {_target_: lightning.pytorch.callbacks.Timer}")
     mine.with_name("lists.yaml").write_text("defaults: [checkpoints, early_stopping]")
-    found = compose_config([one.format(folder=tmp_path) for one in arguments])["callbacks"]
-    assert set(found) == {"best", "last", "progress"} | more
+    callbacks = compose_config([word.format(folder=tmp_path) for word in arguments])["callbacks"]
+    assert set(callbacks) == {"best", "last", "progress"} | more
 
 
 def test_single_callbacks_are_added_and_switched_off() -> None:
     typed = ["callbacks={mine:{_target_:lightning.pytorch.callbacks.Timer}}"]
-    found = compose_config(hydra_overrides([*typed, "callbacks.progress=null"]))["callbacks"]
-    assert set(found) >= {"best", "last", "mine", "early_stopping"}
-    assert found["progress"] is None
+    callbacks = compose_config(hydra_overrides([*typed, "callbacks.progress=null"]))["callbacks"]
+    assert set(callbacks) >= {"best", "last", "mine", "early_stopping"}
+    assert callbacks["progress"] is None
     again = hydra_overrides(
         ["+callbacks.progress._target_=zoo.training.training_progress.TrainingProgress"]
     )

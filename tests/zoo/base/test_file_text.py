@@ -45,9 +45,9 @@ def spoiled(*payloads: str) -> Iterator[str]:
     """Yield each text, and with each control character at each of its places."""
     for payload in payloads:
         yield payload
-        for place in range(len(payload) + 1):
+        for at in range(len(payload) + 1):
             for control in CONTROLS:
-                yield payload[:place] + control + payload[place:]
+                yield payload[:at] + control + payload[at:]
 
 
 def test_yaml_holds_the_same_texts_in_a_line_each() -> None:
@@ -73,11 +73,11 @@ MARKS_OF_MARKDOWN = (*QUICK_MARKS, *SLOW_MARKS)
 
 def tokens(markdown: str) -> list[str]:
     """Return the kinds of a Markdown text's tokens, with those inside lines."""
-    found = MARKDOWN.parse(markdown)
-    return [one.type for one in found] + [
+    parsed = MARKDOWN.parse(markdown)
+    return [token.type for token in parsed] + [
         "text" if child.type == "text_special" else child.type
-        for one in found
-        for child in one.children or ()
+        for token in parsed
+        for child in token.children or ()
     ]
 
 
@@ -87,7 +87,7 @@ def test_markdown_shows_a_text_alone(payload: str) -> None:
     for text in spoiled(payload):
         line = markdown_text(text)
         assert set(tokens(line)) <= {"paragraph_open", "inline", "paragraph_close", "text"}
-        shown = "".join(one.content for one in MARKDOWN.parseInline(line)[0].children)
+        shown = "".join(token.content for token in MARKDOWN.parseInline(line)[0].children)
         assert shown == printable(" ".join(text.split()))
         assert tokens(f"| {markdown_cell(text)} |\n| --- |\n| {markdown_cell(text)} |") == table
         assert tokens(markdown_code(text)) == ["fence"]
@@ -139,14 +139,14 @@ def test_a_page_of_hostile_texts_has_the_same_elements(payload: str) -> None:
     texts = [text for text in spoiled(payload) if text.isprintable() or "\n" not in text]
 
     def page(texts: list[str]) -> Tags:
-        blocks = [Bullets(texts), Rows(Table.of(["a"], [[one] for one in texts]))]
+        blocks = [Bullets(texts), Rows(Table.of(["a"], [[cell] for cell in texts]))]
         return Tags(to_html(texts[0], [Section("", blocks)], footer=texts[-1]))
 
-    found = page(texts)
-    assert found.counts == page(["x"] * len(texts)).counts
-    shown = "".join(found.data).replace("\n", "").replace("\t", "").replace("\xa0", "")
+    shown_page = page(texts)
+    assert shown_page.counts == page(["x"] * len(texts)).counts
+    shown = "".join(shown_page.data).replace("\n", "").replace("\t", "").replace("\xa0", "")
     assert shown.isprintable()
-    table = Tags(Table.of(["a"], [[one] for one in texts]).html())
+    table = Tags(Table.of(["a"], [[cell] for cell in texts]).html())
     assert {tag for tag, *_ in table.counts} == {
         *("table", "caption", "thead", "tbody", "tr", "th", "td")
     }
@@ -165,7 +165,7 @@ def check_shown_name(name: str, plot: Figure, tmp_path: Path) -> None:
     """Check that a plot's files show a name as it is, whatever it holds."""
     for ending in (".pdf", ".svg"):
         path = write_plot(plot, tmp_path / f"plot{ending}")
-    shown = [one.get_text() for one in plot.findobj(matplotlib.text.Text)]
+    shown = [artist.get_text() for artist in plot.findobj(matplotlib.text.Text)]
     assert printable(name).replace("$", "\\$") in shown
     assert ElementTree.parse(path).getroot().tag.endswith("svg")
 

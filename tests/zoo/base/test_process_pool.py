@@ -22,8 +22,8 @@ from zoo.base.process_pool import Pool, opened_pool, run_jobs
 @pytest.fixture(scope="module")
 def pools() -> Iterator[dict[int, Pool]]:
     """Yield a pool of this process and one of two, which tests share: a new one takes seconds."""
-    with opened_pool(1, most=3) as one, opened_pool(2, most=3) as two:
-        yield {1: one, 2: two}
+    with opened_pool(1, most=3) as single, opened_pool(2, most=3) as two:
+        yield {1: single, 2: two}
 
 
 def run_all(function: Callable, jobs: list[tuple], workers: int, **more: Any) -> Iterator[tuple]:
@@ -95,26 +95,26 @@ def test_progress_counts_the_work_of_each_job() -> None:
 
 
 def test_results_come_with_the_number_of_their_job(pools: dict[int, Pool]) -> None:
-    found = dict(run_jobs(pools[2], half, [(4,), (6,), (8,)]))
-    assert {number: value for number, (value, _) in found.items()} == {0: 2.0, 1: 3.0, 2: 4.0}
-    assert os.getpid() not in {process for _, process in found.values()}
+    results = dict(run_jobs(pools[2], half, [(4,), (6,), (8,)]))
+    assert {number: value for number, (value, _) in results.items()} == {0: 2.0, 1: 3.0, 2: 4.0}
+    assert os.getpid() not in {process for _, process in results.values()}
 
 
 @pytest.mark.parametrize(("workers", "daemon"), [(1, False), (2, True)])
 def test_one_worker_and_a_daemon_is_this_process(workers, daemon, monkeypatch) -> None:
     monkeypatch.setattr(process_pool.multiprocessing.current_process(), "daemon", daemon)
     assert list(run_all(half, [], workers)) == []
-    found = dict(run_all(half, [(4,), (6,)], workers))
-    assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
+    results = dict(run_all(half, [(4,), (6,)], workers))
+    assert results == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
 
 
 def test_a_pool_that_closes_ends_no_process_of_another_thread(tmp_path: Path) -> None:
     closed = tmp_path / "closed"
 
     def results(function: Callable, argument: object) -> int:
-        found = dict(run_all(function, [(argument,), (argument,)], workers=2))
+        values = dict(run_all(function, [(argument,), (argument,)], workers=2))
         closed.touch()
-        return len(found)
+        return len(values)
 
     with ThreadPoolExecutor(2) as threads:
         assert list(threads.map(results, [half, stop_half_way], [1, closed])) == [2, 2]
@@ -139,9 +139,9 @@ def test_a_drive_that_exits_ends_no_process_silently(workers: int, pools: dict[i
 
 
 def test_what_a_drive_raises_is_raised_with_its_place(pools: dict[int, Pool]) -> None:
-    with pytest.raises(InputError, match=r"drive \d cannot be") as found:
+    with pytest.raises(InputError, match=r"drive \d cannot be") as refused:
         dict(run_jobs(pools[2], refuse, [(1,)]))
-    assert "in refuse" in str(found.value.__cause__)
+    assert "in refuse" in str(refused.value.__cause__)
 
 
 PARENT = """
@@ -167,7 +167,7 @@ def test_all_end_with_the_parent(send: Callable, number: int, status: int, tmp_p
     apart = {"stderr": subprocess.PIPE, "start_new_session": True}
     parent = subprocess.Popen(words, cwd=ROOT, env=environment(), **apart)
     try:
-        wait_until(lambda: all(one.exists() for one in begun))
+        wait_until(lambda: all(path.exists() for path in begun))
         send(parent.pid, number)
         # The pipe of errors ends when the last process has ended.
         _, errors = parent.communicate(timeout=60)
@@ -209,14 +209,14 @@ def test_a_command_ends_with_the_command_that_started_it(number: int) -> None:
 def test_a_process_that_another_one_started_is_left_alone() -> None:
     """A variable that was inherited over a further process ends nothing."""
     quiet = "import zoo, time; time.sleep(0.9)"  # it looks after its parent every half second
-    found = run_words(ROOT, sys.executable, "-c", quiet, DRIVEZOO_PARENT="1")
-    assert found.returncode == 0
+    result = run_words(ROOT, sys.executable, "-c", quiet, DRIVEZOO_PARENT="1")
+    assert result.returncode == 0
 
 
 @pytest.mark.parametrize(
-    ("quota", "found"), [(float("inf"), 4), (16.0, 4), (2.5, 3), (2.0, 2), (0.3, 1)]
+    ("quota", "cores"), [(float("inf"), 4), (16.0, 4), (2.5, 3), (2.0, 2), (0.3, 1)]
 )
-def test_a_container_that_gives_less_time_counts(monkeypatch, quota, found):
+def test_a_container_that_gives_less_time_counts(monkeypatch, quota, cores):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3}, raising=False)
     monkeypatch.setattr(machine, "_container_cores", lambda: quota)
-    assert machine.usable_cores() == found
+    assert machine.usable_cores() == cores

@@ -36,7 +36,7 @@ def decode(path: Path) -> tuple[dict, np.ndarray]:
     reader = imageio_ffmpeg.read_frames(str(path))
     meta = next(reader)
     width, height = meta["size"]
-    return meta, np.array([np.frombuffer(one, np.uint8) for one in reader]).reshape(
+    return meta, np.array([np.frombuffer(frame, np.uint8) for frame in reader]).reshape(
         -1, height, width, 3
     )
 
@@ -141,17 +141,17 @@ def test_a_full_disk_gets_one_line_and_leaves_no_film(recorded: Written, small_d
     line = only_line(film(small_disk, recorded.folder, "out=lake.mp4"))
     for words in ("lake.mp4", "full", "out="):
         assert words in line
-    assert [one.name for one in small_disk.iterdir()] == ["mine"]
+    assert [path.name for path in small_disk.iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize("small_disk", ["4k"], indirect=True)
 def test_a_full_disk_during_a_scored_drive_gets_one_line(small_disk: Path) -> None:
     (small_disk / "mine").write_bytes(bytes(4096))
-    kept = KeptDrive(small_disk, film_speed=1).__enter__()
-    kept.begin(open_world(Scenario("lake"), "none"))
-    kept.show(GREY, DriveRow(0.0, speed_mph=9.0, cross_track_m=0.0))
+    keep = KeptDrive(small_disk, film_speed=1).__enter__()
+    keep.begin(open_world(Scenario("lake"), "none"))
+    keep.show(GREY, DriveRow(0.0, speed_mph=9.0, cross_track_m=0.0))
     with pytest.raises(InputError, match=r"film\.mp4.*full"):
-        kept.__exit__(None, None, None)
+        keep.__exit__(None, None, None)
     assert not list(small_disk.glob("*.mp4"))
 
 
@@ -244,8 +244,8 @@ def test_a_recording_of_any_format_is_filmed(tmp_path: Path) -> None:
 
 
 def test_the_steering_of_an_unknown_car_is_no_angle() -> None:
-    known, unknown = (draw_overlay(GREY, Overlay(0.4, rig=rig)) for rig in (UDACITY, None))
-    assert not np.array_equal(known, unknown)
+    angle, unknown = (draw_overlay(GREY, Overlay(0.4, rig=rig)) for rig in (UDACITY, None))
+    assert not np.array_equal(angle, unknown)
 
 
 def test_pilots_steer_beside_the_recorded_driver(tmp_path: Path) -> None:

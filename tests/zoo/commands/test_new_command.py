@@ -39,8 +39,8 @@ def as_wheel(folder: Path) -> Path:
         (site / name).mkdir(parents=True)
         for path in (ROOT / name).iterdir():
             (site / name / path.name).symlink_to(path)
-    for source, place in (("conf", "zoo/conf"), ("notebooks", "zoo/notebooks")):
-        (site / place).symlink_to(ROOT / source)
+    for source, target in (("conf", "zoo/conf"), ("notebooks", "zoo/notebooks")):
+        (site / target).symlink_to(ROOT / source)
     return site
 
 
@@ -85,8 +85,8 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 def test_the_written_tests_pass(written: New) -> None:
-    files = [one for words in written.commands("python", "-m", "pytest") for one in words]
-    assert sorted(Path(one).name for one in files) == sorted(
+    files = [word for words in written.commands("python", "-m", "pytest") for word in words]
+    assert sorted(Path(path).name for path in files) == sorted(
         f"test_{name}.py" for name in PARTS.values()
     )
     # In its own folder: from the usual one pytest clears the files of earlier runs, for minutes.
@@ -101,16 +101,16 @@ def test_the_printed_commands_train_and_drive_the_parts(written: New, recorded: 
     # The words of four commands, each of which trains with one of the parts.
     trainings = written.commands("drivezoo", "train")
     assert len(trainings) == 4
-    words = list(dict.fromkeys(word for one in trainings for word in one))
-    small = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
+    words = list(dict.fromkeys(word for training in trainings for word in training))
+    small = [setting for setting in SMALL if not setting.startswith(("model=", "callbacks="))]
     written.run("zoo", *words, *here, *small, "quick_samples=160", "trainer.max_epochs=1")
     (metrics,) = written.folder.glob("outputs/*/*/metrics.json")
     assert json.loads(metrics.read_text())["model"] == "my_net"
     assert "my_callback" in metrics.with_name("metrics.csv").read_text().splitlines()[0]
 
     drives = written.commands("drivezoo", "evaluate")
-    merged = list(dict.fromkeys(word for one in drives for word in one))
-    assert {"my_track.yaml", "my_net.py"} <= {Path(re.sub(".*=", "", one)).name for one in merged}
+    merged = list(dict.fromkeys(word for drive in drives for word in drive))
+    assert {"my_track.yaml", "my_net.py"} <= {Path(re.sub(".*=", "", word)).name for word in merged}
     written.run(
         "zoo.commands.evaluate", *merged, "laps=0.01", "quality=simple", "workers=1", "out=drives"
     )
@@ -185,7 +185,7 @@ def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "found"),
+    ("kind", "name", "words"),
     [
         ("modl", "my_net", "did you mean model"),
         ("model", "My-Net", "my_net"),
@@ -197,8 +197,8 @@ def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_pa
         ("loss", "json", "there is a Python module"),
     ],
 )
-def test_a_wrong_kind_or_name_is_refused(kind: str, name: str, found: str, tmp_path: Path) -> None:
-    assert found in only_line(run_here(tmp_path, kind, name, module="zoo.commands.new"))
+def test_a_wrong_kind_or_name_is_refused(kind: str, name: str, words: str, tmp_path: Path) -> None:
+    assert words in only_line(run_here(tmp_path, kind, name, module="zoo.commands.new"))
     assert list(tmp_path.iterdir()) == []
 
 

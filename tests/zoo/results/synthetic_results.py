@@ -30,7 +30,7 @@ def figures(
 
 def result(autonomy: np.ndarray, entry: str = "lenet", roads: Sequence = ROADS) -> dict:
     """Return a result as plain containers; the cross-track error falls as the autonomy rises."""
-    found = {
+    content = {
         "version": 1,
         "analysis": 2,
         "suite": "own",
@@ -62,33 +62,33 @@ def result(autonomy: np.ndarray, entry: str = "lenet", roads: Sequence = ROADS) 
         ],
         "groups": {},
     }
-    return summed(found)
+    return summed(content)
 
 
 def of_levels(autonomy: np.ndarray, entry: str, roads: Sequence) -> dict:
     """Return a result of roads whose names have their level, such as `bends_1:17`."""
-    found = result(autonomy, entry, roads)
-    for drive in found["drives"]:
+    content = result(autonomy, entry, roads)
+    for drive in content["drives"]:
         drive["level"] = int(drive["track"][6])
         drive["figures"]["cte_max_m"] = 1.0
-    return summed(found)
+    return summed(content)
 
 
-def summed(found: dict) -> dict:
+def summed(content: dict) -> dict:
     """Return a result with the figures and the digest of its drives."""
-    drives = [DriveRecord(**one) for one in found["drives"]]
-    sums = {name: _plain(one) for name, one in vars(summarize_drives(drives)).items()}
-    return found | sums | {"digest": digest_of_drives(drives)}
+    drives = [DriveRecord(**drive) for drive in content["drives"]]
+    sums = {name: _plain(value) for name, value in vars(summarize_drives(drives)).items()}
+    return content | sums | {"digest": digest_of_drives(drives)}
 
 
 def _plain(figures: object) -> object:
     if isinstance(figures, dict):
-        return {name: _plain(one) for name, one in figures.items()}
+        return {name: _plain(value) for name, value in figures.items()}
     return figures.model_dump()
 
 
-def write(folder: Path, found: dict) -> Path:
+def write(folder: Path, content: dict) -> Path:
     """Write a result into a folder and return the folder."""
     folder.mkdir(parents=True)
-    (folder / "result.json").write_text(json.dumps(found))
+    (folder / "result.json").write_text(json.dumps(content))
     return folder

@@ -138,19 +138,19 @@ def test_a_short_drive_comes_after_longer_ones_with_its_length(wide: Path) -> No
 def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> None:
     rng = np.random.default_rng(1)
     for name, autonomy in (("good", 0.9), ("bad", 0.6)):
-        found = result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name)
-        write(Path("marks", name), found)
+        content = result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name)
+        write(Path("marks", name), content)
     ranking = leaderboard("marks")
     assert [entry.first.name for entry in ranking.entries] == ["good", "bad"]
     best = ranking.entries[0].first
-    own = overall(read_result(Path("marks/good")))
-    assert best.autonomy == pytest.approx(own["autonomy"].value)
+    summary = overall(read_result(Path("marks/good")))
+    assert best.autonomy == pytest.approx(summary["autonomy"].value)
     leaderboard.main(["marks"])
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
 
 
 def test_drives_of_levels_are_ranked_by_the_share_of_clean_ones(tmp_path: Path) -> None:
-    roads = [("bends", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
+    roads = [("bends", f"bends_{level}:{road}", {}) for level in (1, 2) for road in range(4)]
     for name, autonomy in (("late", [0.99] * 8), ("half", [1.0] * 4 + [0.5] * 4)):
         write(tmp_path / name, of_levels(np.array([autonomy] * 3), name, roads))
     first, second = leaderboard(tmp_path).table()
@@ -242,7 +242,7 @@ def test_what_is_damaged_is_named_the_others_ranked(file: str, text: str, tmp_pa
     bad.mkdir(exist_ok=True)
     (bad / file).write_text(text)
     scored, (unranked,) = read_scored([], drive_folders(tmp_path))
-    assert [one.folder for one in scored] == [good]
+    assert [run.folder for run in scored] == [good]
     assert (unranked.folder, unranked.why) == (bad, "damaged")
     assert unranked.reason.startswith(f"{file}: ")
     table = leaderboard(bad, table=tmp_path / "table.csv")
@@ -261,8 +261,8 @@ def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) ->
     assert spread == pytest.approx(0.1)  # sample deviation of three values
     assert second.first.folder.name == "other"
     assert first.counts["lake"] == (3, 9)
-    named = {one.heading for one in named_columns([first, second], tmp_path)}
-    assert named == {"", "run"}, "all share the recording, and a column of settings the model"
+    headings = {column.heading for column in named_columns([first, second], tmp_path)}
+    assert headings == {"", "run"}, "all share the recording, and a column of settings the model"
 
 
 def test_a_repeated_training_narrows_no_interval(tmp_path: Path) -> None:
@@ -342,8 +342,8 @@ def test_runs_are_found_in_sweeps_and_not_below_runs(tmp_path: Path) -> None:
     write_run(tmp_path / "sweeps" / "day" / "time" / "0")
     run = write_run(tmp_path / "day" / "time")
     write_run(run / "again")
-    found = {str(one.relative_to(tmp_path)) for one in run_folders(tmp_path)}
-    assert found == {"sweeps/day/time/0", "day/time"}
+    paths = {str(path.relative_to(tmp_path)) for path in run_folders(tmp_path)}
+    assert paths == {"sweeps/day/time/0", "day/time"}
 
 
 @pytest.mark.parametrize(
@@ -368,7 +368,7 @@ def test_the_page_holds_all_it_needs(tmp_path: Path) -> None:
     text = page_of(tmp_path).read_text()
     assert "A &lt;sweep&gt;" in text
     assert re.findall(r'<tr data-entry="\d">', text) == [f'<tr data-entry="{n}">' for n in range(3)]
-    fetched = [one for one in re.findall(r"https?://[^\"' ]+", text) if "w3.org" not in one]
+    fetched = [url for url in re.findall(r"https?://[^\"' ]+", text) if "w3.org" not in url]
     assert fetched == []
 
 
@@ -444,7 +444,7 @@ def test_figures_that_do_not_fit_are_named(tmp_path: Path, console: Console) -> 
     console.width = 80
     Ranking.read(many_runs(tmp_path), tmp_path).show(console)
 
-    (line,) = [one for one in console.file.getvalue().splitlines() if "not shown in 80" in one]
+    (line,) = [row for row in console.file.getvalue().splitlines() if "not shown in 80" in row]
     headings = set(line.partition(": ")[2].split("; "))
     assert {"val MSE", "test MSE", "seconds"} <= headings
     assert "autonomy" not in headings
@@ -461,7 +461,7 @@ def test_runs_on_other_recordings_are_separate_entries(tmp_path: Path) -> None:
         write_run(folder, 1 - seed / 10, seed=seed, root=root, fingerprint=fingerprint)
     entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
 
-    (column,) = [one for one in named_columns(entries, tmp_path) if one.heading == "recording"]
+    (column,) = [item for item in named_columns(entries, tmp_path) if item.heading == "recording"]
     assert column.cells == ["lake (aaaaaa)", "lake (bbbbbb)", "lake (cccccc)"]
 
 

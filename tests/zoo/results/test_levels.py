@@ -60,9 +60,9 @@ def test_levels_are_on_the_same_places(name: str, roads: str, levels: int, count
 def test_drives_of_levels_end_at_their_first_intervention(suite: Path, tmp_path: Path) -> None:
     zero, expert = (drive([name], suite, tmp_path / name) for name in ("zero", "expert"))
     lost = read_result(zero)
-    assert [one.level for one in lost.drives] == [1, 1, 1, 2, 2, 2]
-    assert all(one.figures["interventions"] <= 1 for one in lost.drives)
-    assert any(one.figures["interventions"] for one in lost.drives)
+    assert [record.level for record in lost.drives] == [1, 1, 1, 2, 2, 2]
+    assert all(record.figures["interventions"] <= 1 for record in lost.drives)
+    assert any(record.figures["interventions"] for record in lost.drives)
     figures = overall(read_result(expert))
     assert figures["without_intervention"].value == 1
     assert figures["falls_to_50"].value == 2.5  # beyond the last level
@@ -81,7 +81,7 @@ def test_other_drives_of_the_suite_drive_the_whole_road(suite: Path, tmp_path: P
     path = tmp_path / "mixed.yaml"
     path.write_text(yaml.safe_dump(content | {"roads": 1, "groups": {"plain": [{"track": track}]}}))
     mixed = read_result(drive(["zero"], path, tmp_path / "out"))
-    assert [one.figures["interventions"] > 1 for one in mixed.drives] == [True, False, False]
+    assert [record.figures["interventions"] > 1 for record in mixed.drives] == [True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -106,17 +106,17 @@ def test_a_curve_is_found_with_an_interval_that_fewer_places_widen() -> None:
     rng, levels = np.random.default_rng(0), np.tile(np.arange(1, 6), 40)
     places = np.repeat(np.arange(40), 5)
     clean = (rng.random((1, 200)) < 1 / (1 + np.exp(2 * (levels - 3.5)))) * 1.0
-    found = level_at(0.5, clean, levels.tolist(), places.tolist())
+    level = level_at(0.5, clean, levels.tolist(), places.tolist())
     few = level_at(0.5, clean[:, :40], levels[:40].tolist(), places[:40].tolist())
-    assert found.value == pytest.approx(3.5, abs=0.3)
-    assert found.low < found.value < found.high
-    assert few.high - few.low > found.high - found.low
-    assert level_at(0.9, clean, levels.tolist(), places.tolist()).value < found.low
+    assert level.value == pytest.approx(3.5, abs=0.3)
+    assert level.low < level.value < level.high
+    assert few.high - few.low > level.high - level.low
+    assert level_at(0.9, clean, levels.tolist(), places.tolist()).value < level.low
 
 
 @pytest.mark.parametrize(("outcome", "level"), [(1.0, 5.5), (0.0, 0.5)])
 def test_a_share_that_is_never_crossed_is_beyond_the_levels(outcome: float, level: float) -> None:
-    levels, places = [1, 2, 3, 4, 5] * 4, [place for place in range(4) for _ in range(5)]
+    levels, places = [1, 2, 3, 4, 5] * 4, [road for road in range(4) for _ in range(5)]
     assert level_at(0.5, np.full((2, 20), outcome), levels, places).value == level
 
 

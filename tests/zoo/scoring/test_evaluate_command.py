@@ -36,7 +36,7 @@ def evaluate(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 
 def drives_of(folder: Path) -> list[dict]:
     drives = json.loads((folder / "metrics.json").read_text())["drives"]
-    return [{key: one[key] for key in one if key != "latency_ms"} for one in drives]
+    return [{key: drive[key] for key in drive if key != "latency_ms"} for drive in drives]
 
 
 def test_the_maxima_of_several_drives_are_shown_as_a_mean_with_its_deviation() -> None:
@@ -49,8 +49,8 @@ def test_the_maxima_of_several_drives_are_shown_as_a_mean_with_its_deviation() -
 @pytest.mark.slow
 def test_figures_do_not_depend_on_the_number_of_workers(checkpoint: str, tmp_path: Path) -> None:
     options = ("laps=0.01", "seeds=2", "speed=25", "weather=random", "quality=simple")
-    one = (*options, "workers=1", f"out={tmp_path / 'a=1'}")
-    printed = succeed(evaluate(tmp_path, checkpoint, *one))
+    alone = (*options, "workers=1", f"out={tmp_path / 'a=1'}")
+    printed = succeed(evaluate(tmp_path, checkpoint, *alone))
     command([checkpoint, *options, "workers=2", f"out={tmp_path / 'b'}", "perturb=fog"])
 
     assert drives_of(tmp_path / "a=1") == drives_of(tmp_path / "b")
@@ -63,8 +63,8 @@ def test_figures_do_not_depend_on_the_number_of_workers(checkpoint: str, tmp_pat
         for name in ("drive.csv", "drive.json", "track.png", "error.png"):
             assert (tmp_path / "b" / drive / name).is_file()
     swept = json.loads((tmp_path / "b" / "metrics.json").read_text())["perturbed"]["fog"]
-    assert {one["value"] for one in swept} >= set(PERTURBATIONS["fog"].values)
-    assert len({one["cte_mean_m"] for one in swept}) > 1, "fog changes nothing"
+    assert {row["value"] for row in swept} >= set(PERTURBATIONS["fog"].values)
+    assert len({row["cte_mean_m"] for row in swept}) > 1, "fog changes nothing"
     with Image.open(tmp_path / "b" / "robustness.png") as picture:
         assert min(picture.size) > 200
 
@@ -103,9 +103,9 @@ def test_a_run_says_how_fast_it_was_driven(
     scores = track_scores.TrackScores([], {"lake": figures}, {})
     monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_, **__: scores)
     options = read_options(EvaluateOptions, [f"throttle={throttle}", "speed=20"])
-    found = track_scores.score_run(options, tmp_path, console)
+    figures = track_scores.score_run(options, tmp_path, console)
     assert " at 14.5 mph: " in console.file.getvalue()
-    assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
+    assert (figures["speed_mph"], figures["throttle"]) == (mph, throttle)
 
 
 def test_drives_of_a_stopped_run_go_and_a_users_files_stay(tmp_path: Path, console) -> None:
@@ -136,10 +136,10 @@ def test_a_road_is_driven_once_under_one_name(typed: str, tracks: list[str]) -> 
 def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkeypatch) -> None:
     family = tmp_path / "own.yaml"
     family.write_text((road_folder() / "alpine.yaml").read_text())
-    found = []
+    keeps = []
 
     def drive_none(*arguments, **keywords) -> list:
-        found.extend(arguments[2])
+        keeps.extend(arguments[2])
         raise InputError("nothing is driven here")
 
     monkeypatch.setattr(track_scores, "all_drives", drive_none)
@@ -147,7 +147,7 @@ def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkey
     options = read_options(EvaluateOptions, keys)
     with pytest.raises(InputError, match="nothing is driven"):
         track_scores.score_on_tracks("", options.scenarios, tmp_path / "drives", console, 1)
-    names = [keep.folder.name for keep in found]
+    names = [keep.folder.name for keep in keeps]
     assert names == ["alpine-17-0", "lake-0", "own-3-0", "own-4-0"]
     namesake = tmp_path / "alpine.yaml"
     namesake.write_bytes(family.read_bytes())
@@ -157,7 +157,7 @@ def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkey
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "words"),
     [
         ("track=nowhere", "nowhere"),
         ("track=lake,moutain", "moutain"),
@@ -170,9 +170,9 @@ def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkey
     ],
 )
 def test_a_mistake_is_one_line_before_a_drive(
-    option: str, said: str, checkpoint: str, tmp_path: Path
+    option: str, words: str, checkpoint: str, tmp_path: Path
 ) -> None:
-    assert said in refusal(command, [checkpoint, option, f"out={tmp_path / 'out'}"])
+    assert words in refusal(command, [checkpoint, option, f"out={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()
 
 
@@ -190,9 +190,9 @@ def test_a_caption_names_the_world_and_ends_in_one_dot(world: str, how: str) -> 
 def test_a_network_that_steers_nan_is_named_at_the_end(checkpoint: str, tmp_path: Path) -> None:
     """Load a network with finite weights that overflow."""
     contents = torch.load(checkpoint, weights_only=True)
-    for name, one in contents["state_dict"].items():
+    for name, tensor in contents["state_dict"].items():
         if name.endswith("weight"):
-            one[:] = 1e30 * torch.sign(one)
+            tensor[:] = 1e30 * torch.sign(tensor)
     torch.save(contents, tmp_path / "overflow.ckpt")
     options = ("laps=0.01", "quality=simple", f"out={tmp_path / 'out'}")
     result = evaluate(tmp_path, "overflow.ckpt", *options)

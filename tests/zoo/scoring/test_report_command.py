@@ -73,13 +73,13 @@ def test_the_page_embeds_all_images_and_films(driven: Path) -> None:
     path = driven / "report" / "index.html"
     text = path.read_text()
     places = PLACE.findall(text)
-    assert all(place.startswith(("data:", "#")) for place in places)
+    assert all(link.startswith(("data:", "#")) for link in places)
     assert "url(" not in text
     assert "<script" not in text
     for name in places:
         if name.startswith("#"):
             assert f'id="{name[1:]}"' in text
-    encoded = [place.partition(";base64,") for place in places if place.startswith("data:")]
+    encoded = [link.partition(";base64,") for link in places if link.startswith("data:")]
     files = [(kind, base64.b64decode(data)) for kind, _, data in encoded]
     images = [data for kind, data in files if kind.startswith("data:image/")]
     for image in images:
@@ -95,8 +95,8 @@ def test_the_page_embeds_all_images_and_films(driven: Path) -> None:
 def test_the_markdown_links_each_image_file(driven: Path) -> None:
     folder = driven / "report"
     text = (folder / "report.md").read_text()
-    named = set(re.findall(r"!\[[^\]]*\]\(<([^>]+)>\)", text))
-    assert named == {path.name for path in folder.iterdir()} - {"index.html", "report.md"}
+    names = set(re.findall(r"!\[[^\]]*\]\(<([^>]+)>\)", text))
+    assert names == {path.name for path in folder.iterdir()} - {"index.html", "report.md"}
     (film,) = re.findall(r"\]\(<([^>]+\.mp4)>\)", text)
     assert (folder / film).is_file()
     for line in re.findall(r"^\|.*$", text, re.MULTILINE):
@@ -161,9 +161,9 @@ def test_a_moved_recording_removes_only_its_images(undriven: Path) -> None:
     checkpoint = torch.load(path, weights_only=True)
     checkpoint["drivezoo"]["config"]["data"]["root"] = "/moved/away"
     torch.save(checkpoint, path)
-    said = missing_in(undriven)
-    assert sum("/moved/away: no such folder" in line for line in said) == 1
-    names = {one.name for one in (undriven / "report").iterdir()}
+    lines = missing_in(undriven)
+    assert sum("/moved/away: no such folder" in line for line in lines) == 1
+    names = {path.name for path in (undriven / "report").iterdir()}
     assert {"steering_histogram.png", "fed_batch.jpg", "training_curves.png"} <= names
     assert "camera_left.jpg" not in names
 
@@ -180,9 +180,9 @@ def test_a_failed_run_says_why(undriven: Path) -> None:
     shutil.rmtree(undriven / "plots")
     (undriven / "metrics.json").unlink()
     (undriven / "status.json").write_text('{"status": "failed", "reason": "the <disk> is full"}')
-    said = missing_in(undriven)
-    assert said[0] == "The run failed: the &lt;disk&gt; is full."
-    assert any("no checkpoint" in line for line in said)
+    lines = missing_in(undriven)
+    assert lines[0] == "The run failed: the &lt;disk&gt; is full."
+    assert any("no checkpoint" in line for line in lines)
     assert (undriven / "report" / "camera_left.jpg").is_file()
 
 
@@ -190,8 +190,8 @@ def test_a_section_that_fails_leaves_the_others(undriven: Path) -> None:
     metrics = json.loads((undriven / "metrics.json").read_text())
     metrics["leak"] = {"val": 3}
     (undriven / "metrics.json").write_text(json.dumps(metrics))
-    said = missing_in(undriven)
-    assert any("This part could not be written (TypeError" in line for line in said)
+    lines = missing_in(undriven)
+    assert any("This part could not be written (TypeError" in line for line in lines)
     assert (undriven / "report" / "training_curves.png").is_file()
 
 
@@ -215,13 +215,13 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "replay").mkdir()
     write_metrics_file(tmp_path / "replay", {"replay": {}})
-    for name, said in {
+    for name, message in {
         "sweep": f"name a run's folder, such as {sweep / '0'}",
         "empty": "is no run (no .hydra/config.yaml) and no evaluation (no metrics.json)",
         "file": "is no run",
         "replay": "replay: has no drives on tracks; name one of outputs/evaluations",
     }.items():
-        with pytest.raises(InputError, match=re.escape(said)):
+        with pytest.raises(InputError, match=re.escape(message)):
             write_report(tmp_path / name)
 
 

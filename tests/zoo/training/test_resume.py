@@ -48,11 +48,11 @@ def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
     before = times(two_epochs)
     for overrides in ([], ["trainer.max_epochs=2"]):
         result = zoo(f"resume={two_epochs}", *overrides)
-        said = succeed(result)
-        assert "after 2 epochs" in said
-        assert str(two_epochs / "checkpoints" / "best.ckpt") in said
-        assert str(two_epochs / "report" / "index.html") in said
-        assert f"resume={two_epochs} trainer.max_epochs=4" in said
+        printed = succeed(result)
+        assert "after 2 epochs" in printed
+        assert str(two_epochs / "checkpoints" / "best.ckpt") in printed
+        assert str(two_epochs / "report" / "index.html") in printed
+        assert f"resume={two_epochs} trainer.max_epochs=4" in printed
         assert result.stderr == ""
     assert times(two_epochs) == before
 
@@ -79,9 +79,9 @@ STOPPING = {"early_stopping": {"_target_": STOPPING, "monitor": "val/mse"}}
 
 def test_a_run_that_was_stopped_early_is_finished(two_epochs: Path, zoo: Zoo) -> None:
     change_config(two_epochs, trainer={"max_epochs": 30}, callbacks=STOPPING)
-    said = succeed(zoo("resume=run"))
-    assert "after 2 epochs of 30" in said
-    assert "resume=run callbacks.early_stopping=null" in said
+    printed = succeed(zoo("resume=run"))
+    assert "after 2 epochs of 30" in printed
+    assert "resume=run callbacks.early_stopping=null" in printed
     assert metrics(two_epochs)["epochs"] == 2
 
 
@@ -151,8 +151,8 @@ def test_a_key_that_the_finished_epochs_forbid_is_refused(
     before = times(two_epochs)
     words = f"{key}={FORBIDDEN[key]}".split()
     line = only_line(zoo("resume=run", "trainer.max_epochs=13", *words), 2)
-    named = {"quick_samples": "data.samples_per_epoch"}.get(key, key.lstrip("+"))
-    assert f": {named}" in line
+    name = {"quick_samples": "data.samples_per_epoch"}.get(key, key.lstrip("+"))
+    assert f": {name}" in line
     assert "model.weights=run/checkpoints/last.ckpt" in line
     assert times(two_epochs) == before, "the config says what was not trained"
 
@@ -295,9 +295,9 @@ def test_a_finished_run_without_its_last_checkpoint_does_not_begin_again(
 ) -> None:
     (two_epochs / "checkpoints" / "last.ckpt").unlink()
     before = times(two_epochs)
-    said = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
-    assert "last.ckpt" in said
-    assert "model.weights=run/checkpoints/best.ckpt" in said
+    line = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
+    assert "last.ckpt" in line
+    assert "model.weights=run/checkpoints/best.ckpt" in line
     assert times(two_epochs) == before
 
 
@@ -332,10 +332,10 @@ def test_a_run_without_an_epoch_resumes_at_the_first(
 def test_a_run_that_fails_inside_an_epoch_resumes_inside_it(
     zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = ("callbacks=inside_epoch", "callbacks.inside.every_n_train_steps=3")
-    own += ("callbacks.fed_batch=null", "callbacks.steering_histogram=null")
+    extra = ("callbacks=inside_epoch", "callbacks.inside.every_n_train_steps=3")
+    extra += ("callbacks.fed_batch=null", "callbacks.steering_histogram=null")
     # Without dropout, whose random numbers begin with an epoch.
-    overrides = (*SMALL, *data_of(recorded), *own, "model.dropout=0.0", "trainer.max_epochs=3")
+    overrides = (*SMALL, *data_of(recorded), *extra, "model.dropout=0.0", "trainer.max_epochs=3")
     succeed(zoo(*overrides, "hydra.run.dir=whole"))
     batches, fed = BalancedBatches.__iter__, list[tuple[int, int]]()
     away = [True]
@@ -423,8 +423,8 @@ def test_odd_names_are_trained_in_and_resumed(zoo: Zoo, recorded: Written, tmp_p
     (odd / "lake").symlink_to(recorded.folder)
     places = (f"data.root={odd / 'lake'}", f"data.cache={odd / 'cache'}")
     new = "b 'ï' [x]=1"  # is not there yet
-    said = succeed(zoo(*SMALL, *places, "trainer.max_epochs=1", f"hydra.run.dir={new}"))
-    assert str(Path(new) / "checkpoints" / "best.ckpt") in said
+    printed = succeed(zoo(*SMALL, *places, "trainer.max_epochs=1", f"hydra.run.dir={new}"))
+    assert str(Path(new) / "checkpoints" / "best.ckpt") in printed
     shutil.move(tmp_path / new, odd / "run")
     succeed(zoo(f"resume={odd / 'run'}", "trainer.max_epochs=2"))
     assert metrics(odd / "run")["epochs"] == 2
@@ -466,11 +466,11 @@ def test_of_two_new_runs_in_one_folder_one_is_refused(recorded: Written, tmp_pat
     arguments = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
     arguments += ("hydra.run.dir=run",)
     processes = [start(tmp_path, "zoo", *arguments, f"seed={seed}") for seed in (1, 2)]
-    said = [process.communicate(timeout=120)[0] for process in processes]
+    outputs = [process.communicate(timeout=120)[0] for process in processes]
     codes = [process.returncode for process in processes]
-    assert sorted(codes) == [0, 1], said
+    assert sorted(codes) == [0, 1], outputs
     trained = codes.index(0) + 1
-    assert said[codes.index(1)].startswith("drivezoo train: run: ")
+    assert outputs[codes.index(1)].startswith("drivezoo train: run: ")
     assert OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml").seed == trained
     assert metrics(tmp_path / "run")["seed"] == trained
 
