@@ -62,11 +62,11 @@ def test_a_drive_from_start_to_end(checkpoint: Path, recorded: Written, tmp_path
     # for the file.
     assert steered == pytest.approx(expected, abs=5e-5)
 
-    said = "\n".join(driver.lines)
-    assert "PilotNet" in said
-    assert "23 telemetry" in said
-    assert "latency p50" in said
-    assert "1 intervention" in said
+    printed = "\n".join(driver.lines)
+    assert "PilotNet" in printed
+    assert "23 telemetry" in printed
+    assert "latency p50" in printed
+    assert "1 intervention" in printed
 
     recording = read_recordings(str(folder))
     assert len(recording) == 20
@@ -83,7 +83,7 @@ def test_a_drive_from_start_to_end(checkpoint: Path, recorded: Written, tmp_path
     assert record.summary["recorded_rows"] == 20
     summary = json.loads((folder / "drive.json").read_text())
     assert summary["interventions"] == 1
-    assert [one["name"] for one in summary["engines"]] == ["torch"]
+    assert [engine["name"] for engine in summary["engines"]] == ["torch"]
 
 
 def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Path) -> None:
@@ -208,4 +208,4 @@ def test_a_simulator_that_fails_is_noticed() -> None:
     client = EmbeddedClient("nowhere", "http://127.0.0.1:1", None, put_back=True)
     client.start()
     wait_until(lambda: client.ended)
-    assert "exit status 1" in client.stop()
+    assert "exit status 2" in client.stop()
