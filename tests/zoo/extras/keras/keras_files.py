@@ -34,25 +34,25 @@ def random_weights(*shapes: tuple[int, ...], seed: int = 0) -> list[np.ndarray]:
     ]
 
 
-def named(layers: list[Layer]) -> list[tuple[str, str, dict, list]]:
+def named_layers(layers: list[Layer]) -> list[tuple[str, str, dict, list]]:
     """Return layers with their own names, or as Keras gives them: `conv2d_1`, `conv2d_2` ..."""
     counts: dict[str, int] = {}
-    found = []
+    entries = []
     for kind, config, weights in layers:
         counts[kind] = counts.get(kind, 0) + 1
         name = config.get("name", f"{kind.lower()}_{counts[kind]}")
-        found.append((name, kind, config, weights))
-    return found
+        entries.append((name, kind, config, weights))
+    return entries
 
 
 def model_config(layers: list[Layer], shape: tuple | None = INPUT, version: int = 2) -> dict:
     """Return the config of a Sequential model; Keras 1 has a list of layers."""
     entries = []
-    for name, kind, config, _ in named(layers):
-        own = {"name": name} | config
+    for name, kind, config, _ in named_layers(layers):
+        settings = {"name": name} | config
         if not entries and shape is not None and version < 3:
-            own = {"batch_input_shape": [None, *shape]} | own
-        entries.append({"class_name": kind, "config": own})
+            settings = {"batch_input_shape": [None, *shape]} | settings
+        entries.append({"class_name": kind, "config": settings})
     if version >= 3 and shape is not None:
         config = {"name": "input_layer", "batch_shape": [None, *shape]}
         entries.insert(0, {"class_name": "InputLayer", "config": config})
@@ -96,23 +96,23 @@ def write_groups(group: h5py.Group, layers: list[Layer], version: int, backend: 
     """Write weights in the legacy layout, one group for each layer."""
     group.attrs["keras_version"] = {1: b"1.2.2", 2: b"2.0.8", 3: b"3.5.0"}[version]
     group.attrs["backend"] = backend.encode()
-    group.attrs["layer_names"] = [name.encode() for name, *_ in named(layers)]
-    for name, kind, config, weights in named(layers):
+    group.attrs["layer_names"] = [name.encode() for name, *_ in named_layers(layers)]
+    for name, kind, config, weights in named_layers(layers):
         ends = [*ENDS.get(kind, USUAL)]
         if kind == "BatchNormalization":
             ends = [
-                one
-                for one in ends
-                if config.get({"gamma": "scale", "beta": "center"}.get(one, ""), True)
+                end
+                for end in ends
+                if config.get({"gamma": "scale", "beta": "center"}.get(end, ""), True)
             ]
-        own = group.create_group(name)
+        subgroup = group.create_group(name)
         names = [
             f"{name}_{KERAS_1.get(end, end)}" if version == 1 else f"{name}/{end}:0"
             for end, _ in zip(ends, weights, strict=False)
         ]
-        own.attrs["weight_names"] = [one.encode() for one in names]
-        for one, array in zip(names, weights, strict=True):
-            own.create_dataset(one, data=array)
+        subgroup.attrs["weight_names"] = [key.encode() for key in names]
+        for key, array in zip(names, weights, strict=True):
+            subgroup.create_dataset(key, data=array)
 
 
 def write_h5(
@@ -185,7 +185,7 @@ def lambda_config(function: FunctionType, style: str = "base64") -> dict:
     data = marshal.dumps(function.__code__)
     text = base64.encodebytes(data).decode()
     if style == "keras3":
-        own = {"code": text, "defaults": None, "closure": None}
-        return {"function": {"class_name": "__lambda__", "config": own}}
+        config = {"code": text, "defaults": None, "closure": None}
+        return {"function": {"class_name": "__lambda__", "config": config}}
     text = data.decode("raw_unicode_escape") if style == "escape" else text
     return {"function": [text, None, None], "function_type": "lambda"}

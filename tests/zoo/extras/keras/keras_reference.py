@@ -41,8 +41,8 @@ def windows(
         total = max((-(-length // step) - 1) * step + side - length, 0) if padding == "same" else 0
         pads.append((total // 2, total - total // 2))
     x = np.pad(x, [*pads, (0, 0)], constant_values=fill)
-    found = np.lib.stride_tricks.sliding_window_view(x, reach, axis=(1, 2))
-    return found[:, :: stride[0], :: stride[1], :, :: gap[0], :: gap[1]]
+    view = np.lib.stride_tricks.sliding_window_view(x, reach, axis=(1, 2))
+    return view[:, :: stride[0], :: stride[1], :, :: gap[0], :: gap[1]]
 
 
 def kernel_windows(x: np.ndarray, config: dict, kernel: np.ndarray) -> np.ndarray:
@@ -58,16 +58,16 @@ def pool_windows(x: np.ndarray, config: dict, fill: float) -> np.ndarray:
 def conv2d(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
     kernel = weights[0]
     groups = config.get("groups", 1)
-    found = kernel_windows(x, config, kernel)
-    parts = zip(np.split(found, groups, 3), np.split(kernel, groups, 3), strict=True)
+    patches = kernel_windows(x, config, kernel)
+    parts = zip(np.split(patches, groups, 3), np.split(kernel, groups, 3), strict=True)
     out = np.concatenate([np.einsum("nrcihw,hwio->nrco", a, b) for a, b in parts], -1)
     return out + weights[1] if len(weights) > 1 else out
 
 
 def depthwise(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
     kernel = weights[0]
-    found = kernel_windows(x, config, kernel)
-    out = np.einsum("nrcihw,hwim->nrcim", found, kernel)
+    patches = kernel_windows(x, config, kernel)
+    out = np.einsum("nrcihw,hwim->nrcim", patches, kernel)
     out = out.reshape(*out.shape[:3], -1)
     return out + weights[1] if len(weights) > 1 else out
 
@@ -84,7 +84,7 @@ def batch_norm(x: np.ndarray, config: dict, weights: list) -> np.ndarray:
     shape[axis] = x.shape[axis]
     gamma = weights.pop(0).reshape(shape) if config.get("scale", True) else 1
     beta = weights.pop(0).reshape(shape) if config.get("center", True) else 0
-    mean, variance = (one.reshape(shape) for one in weights)
+    mean, variance = (array.reshape(shape) for array in weights)
     return (x - mean) / np.sqrt(variance + config.get("epsilon", 1e-3)) * gamma + beta
 
 
@@ -132,6 +132,6 @@ def predict(x: np.ndarray, layers: list[tuple[str, dict, list]]) -> np.ndarray:
     """Return the outputs of layers, each a class, a config and weights."""
     x = x.astype(np.float64)
     for kind, config, weights in layers:
-        x = LAYERS[kind](x, config, [one.astype(np.float64) for one in weights])
+        x = LAYERS[kind](x, config, [array.astype(np.float64) for array in weights])
         x = ACTIVATIONS[config.get("activation", "linear")](x)
     return x

@@ -105,8 +105,8 @@ def mutated_hdf5(draw: st.DrawFn, data: bytes) -> bytes:
         for _ in range(draw(st.integers(1, 3))):
             items: list = [file]
             file.visititems(lambda _, item, items=items: items.append(item))
-            if draw(st.booleans()) and (named := [one for one in items if len(one.attrs)]):
-                attributes = draw(st.sampled_from(named)).attrs
+            if draw(st.booleans()) and (holders := [item for item in items if len(item.attrs)]):
+                attributes = draw(st.sampled_from(holders)).attrs
                 key = draw(st.sampled_from(sorted(attributes)))
                 del attributes[key]
                 if draw(st.booleans()):

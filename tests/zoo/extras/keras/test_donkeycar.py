@@ -61,9 +61,9 @@ def expected(layers: list[Layer]) -> list[np.ndarray]:
     return [hidden @ kernel + bias for kernel, bias in ends]
 
 
-def answers(found: ConvertedKeras) -> np.ndarray:
+def answers(converted: ConvertedKeras) -> np.ndarray:
     """Return what the converted network returns for the images."""
-    return outputs(network_of(found), images())
+    return outputs(network_of(converted), images())
 
 
 @pytest.mark.parametrize("suffix", [".h5", ".keras"])
@@ -72,19 +72,19 @@ def test_linear_outputs_are_steering_and_throttle(
     names: tuple[str, ...], suffix: str, tmp_path: Path
 ) -> None:
     layers = donkeycar_layers(names, (1,) * len(names), "linear")
-    found = convert(read_keras(write(tmp_path, layers, suffix, len(names))))
-    np.testing.assert_allclose(answers(found), np.hstack(expected(layers)), atol=1e-5)
-    assert found.scale == (255.0, 0.0)
+    converted = convert(read_keras(write(tmp_path, layers, suffix, len(names))))
+    np.testing.assert_allclose(answers(converted), np.hstack(expected(layers)), atol=1e-5)
+    assert converted.scale == (255.0, 0.0)
 
 
 @pytest.mark.parametrize("suffix", [".h5", ".keras"])
 def test_the_largest_bin_is_read_as_donkeycar_does(suffix: str, tmp_path: Path) -> None:
     layers = donkeycar_layers(BINS, (15, 20), "softmax")
-    found = convert(read_keras(write(tmp_path, layers, suffix)), throttle_range=0.5)
-    angle, throttle = (one.argmax(1) for one in expected(layers))
+    converted = convert(read_keras(write(tmp_path, layers, suffix)), throttle_range=0.5)
+    angle, throttle = (bins.argmax(1) for bins in expected(layers))
     assert len(set(angle)) > 2
     wanted = np.stack([angle * (2.0 / 14) - 1, throttle * (0.5 / 20)], 1)
-    np.testing.assert_allclose(answers(found), wanted, atol=1e-6)
+    np.testing.assert_allclose(answers(converted), wanted, atol=1e-6)
 
 
 def test_outputs_are_in_the_order_of_the_model_not_of_its_layers(tmp_path: Path) -> None:
@@ -92,9 +92,9 @@ def test_outputs_are_in_the_order_of_the_model_not_of_its_layers(tmp_path: Path)
     config = functional(layers, 2, 2, SHAPE)
     config["config"]["output_layers"] = [["n_outputs0", 0, 0], ["n_outputs1", 0, 0]]
     layers[-2:] = layers[:-3:-1]
-    found = convert(read_keras(write_h5(tmp_path / "pilot.h5", layers, config=config)))
+    converted = convert(read_keras(write_h5(tmp_path / "pilot.h5", layers, config=config)))
     steering, throttle = expected(layers)[::-1]
-    np.testing.assert_allclose(answers(found), np.hstack([steering, throttle]), atol=1e-5)
+    np.testing.assert_allclose(answers(converted), np.hstack([steering, throttle]), atol=1e-5)
 
 
 def test_a_scale_inside_the_network_is_applied_after_donkeycars(tmp_path: Path) -> None:
@@ -129,12 +129,12 @@ def test_other_networks_of_two_outputs_are_named_by_the_user(tmp_path: Path) -> 
     model = read_keras(write(tmp_path, donkeycar_layers(("speed", "turn"), (1, 1), "linear")))
     with pytest.raises(InputError, match="outputs="):
         convert(model, scale=(255.0, 0.0))
-    found = convert(model, scale=(255.0, 0.0), outputs=["throttle", "steering"])
-    assert found.layers[-1] == {"layer": "Select", "columns": [1, 0]}
+    converted = convert(model, scale=(255.0, 0.0), outputs=["throttle", "steering"])
+    assert converted.layers[-1] == {"layer": "Select", "columns": [1, 0]}
 
 
 def test_a_network_of_bins_can_be_trained_further(tmp_path: Path) -> None:
-    found = convert(read_keras(write(tmp_path, donkeycar_layers(BINS, (15, 20), "softmax"))))
-    network = network_of(found).train()
+    converted = convert(read_keras(write(tmp_path, donkeycar_layers(BINS, (15, 20), "softmax"))))
+    network = network_of(converted).train()
     network(torch.from_numpy(images()).permute(0, 3, 1, 2)).square().sum().backward()
-    assert all(one.grad is not None and one.grad.abs().sum() for one in network.parameters())
+    assert all(param.grad is not None and param.grad.abs().sum() for param in network.parameters())

@@ -74,14 +74,14 @@ def test_a_throttle_is_bounded(names: tuple, activation: str, most: float, tmp_p
     contents, kind = donkeycar_file.donkeycar_bytes(bounded)
     (tmp_path / "bound.h5").write_bytes(contents)
     written = donkeycar_file.donkeycar_policy(bounded, tmp_path / "bound.h5")
-    found, before = commands_of(written), commands_of(CheckpointPolicy(free))
-    np.testing.assert_allclose(found[:, 0], before[:, 0], atol=1e-6)
-    assert found[:, 1].max() <= most + 1e-6
+    commands, before = commands_of(written), commands_of(CheckpointPolicy(free))
+    np.testing.assert_allclose(commands[:, 0], before[:, 0], atol=1e-6)
+    assert commands[:, 1].max() <= most + 1e-6
     if names == LINEAR:
-        np.testing.assert_allclose(found[:, 1], before[:, 1].clip(max=most), atol=1e-6)
+        np.testing.assert_allclose(commands[:, 1], before[:, 1].clip(max=most), atol=1e-6)
     if names == LINEAR[:1]:
         assert kind == "linear"
-        np.testing.assert_allclose(found[:, 1], most)
+        np.testing.assert_allclose(commands[:, 1], most)
 
 
 @pytest.mark.parametrize("names", TYPES)
@@ -92,5 +92,5 @@ def test_a_file_of_litert_torch_steers_the_same(names: tuple[str, ...], tmp_path
     exported = import_module("zoo.extras.car.tflite_export").TfliteFile(checkpoint, path)
     path.write_bytes(exported.files("")[".tflite"])
     assert exported.hints()[0].endswith(f"--type tflite_{TYPES[names]}")
-    found, expected = commands_of(exported.policy(path)), commands_of(CheckpointPolicy(checkpoint))
-    np.testing.assert_allclose(found, expected, atol=1e-5)
+    actual, expected = commands_of(exported.policy(path)), commands_of(CheckpointPolicy(checkpoint))
+    np.testing.assert_allclose(actual, expected, atol=1e-5)

@@ -100,7 +100,7 @@ def test_the_checkpoint_steers_as_recorded(imported: Path, lake: Written) -> Non
 def test_every_command_takes_the_checkpoint(
     module: str, arguments: list[str], imported: Path, lake: Written, tmp_path: Path
 ) -> None:
-    arguments = [str(lake.folder) if one == "RECORDING" else one for one in arguments]
+    arguments = [str(lake.folder) if word == "RECORDING" else word for word in arguments]
     succeed(run_here(tmp_path, str(imported), *arguments, module=module))
 
 
@@ -124,8 +124,8 @@ def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path)
     checkpoint = load_checkpoint(tmp_path / "guessed.ckpt")
     assert checkpoint.data == {"fingerprint": None, "rows": 0}
     assert checkpoint.config["data"]["root"] is None
-    found = [one.found for one in check_checkpoint(str(tmp_path / "guessed.ckpt"))]
-    assert any("not known" in one for one in found), found
+    texts = [finding.found for finding in check_checkpoint(str(tmp_path / "guessed.ckpt"))]
+    assert any("not known" in text for text in texts), texts
 
 
 def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
@@ -144,9 +144,9 @@ def test_a_network_of_donkeycar_needs_no_key_and_drives_with_its_throttle(tmp_pa
     policy = load_policy(tmp_path / "pilot.ckpt")
     assert policy.view == View((0, 0), "rgb", None, frame=(12, 16))
     frames = np.random.default_rng(0).integers(0, 256, (40, 1, 1, 3), np.uint8)
-    commands = [policy(np.tile(one, (160, 320, 1)), 9.0) for one in frames]
-    assert {round(one.throttle / (0.5 / 20), 4) % 1 for one in commands} == {0}
-    assert len({one.steering for one in commands}) > 1
+    commands = [policy(np.tile(frame, (160, 320, 1)), 9.0) for frame in frames]
+    assert {round(command.throttle / (0.5 / 20), 4) % 1 for command in commands} == {0}
+    assert len({command.steering for command in commands}) > 1
 
 
 def test_a_network_that_never_learned_is_not_certain(lake: Written, tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_a_line_is_applied_and_exported(outputs: int, lake: Written, tmp_path: P
     assert "largest difference from the checkpoint" in printed
     frames = rng.integers(0, 256, (4, 20, 40, 3), np.uint8).repeat(8, 1).repeat(8, 2)
     plain, *lined = (
-        load_policy(tmp_path / f"{one}") for one in ("plain.ckpt", "lined.ckpt", "lined.onnx")
+        load_policy(tmp_path / f"{file}") for file in ("plain.ckpt", "lined.ckpt", "lined.onnx")
     )
     for frame in frames:
         steering, throttle = plain(frame, 9.0)
@@ -216,7 +216,7 @@ def test_an_import_replaces_a_file_only_with_overwrite(keras_file: Path, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("keys", "place", "remedy"),
+    ("keys", "fault", "remedy"),
     [
         (["crop=60"], "crop=60", "[60,25]"),
         (["crop=[100,80]"], "data.crop=[100, 80]", "crop less"),
@@ -234,10 +234,10 @@ def test_an_import_replaces_a_file_only_with_overwrite(keras_file: Path, tmp_pat
     ],
 )
 def test_a_wrong_key_is_refused(
-    keys: list[str], place: str, remedy: str, keras_file: Path, tmp_path: Path
+    keys: list[str], fault: str, remedy: str, keras_file: Path, tmp_path: Path
 ) -> None:
     line = only_line(import_file(tmp_path, str(keras_file), *keys))
-    assert place in line
+    assert fault in line
     assert remedy in line
     assert list(tmp_path.iterdir()) == []
 

@@ -166,16 +166,16 @@ def nested(folder: Path, in_one_group: bool) -> Path:
     if in_one_group:
         with h5py.File(path, "a") as file:
             group = file["model_weights"]
-            own = group.create_group("inner")
-            found = [
-                (text(one), group[name][text(one)][()])
+            subgroup = group.create_group("inner")
+            pairs = [
+                (text(key), group[name][text(key)][()])
                 for name in names[1:4]
-                for one in group[name].attrs["weight_names"]
+                for key in group[name].attrs["weight_names"]
             ]
-            found.sort(key=lambda pair: "moving" in pair[0])  # trained ones first, as in Keras
-            own.attrs["weight_names"] = [one.encode() for one, _ in found]
-            for one, array in found:
-                own.create_dataset(one, data=array)
+            pairs.sort(key=lambda pair: "moving" in pair[0])  # trained ones first, as in Keras
+            subgroup.attrs["weight_names"] = [key.encode() for key, _ in pairs]
+            for key, array in pairs:
+                subgroup.create_dataset(key, data=array)
             for name in names[1:4]:
                 del group[name]
             group.attrs["layer_names"] = [names[0].encode(), b"inner", *map(str.encode, names[4:])]
@@ -274,7 +274,7 @@ def test_an_archive_leaves_nothing_on_the_disk(here: Path) -> None:
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("../outside.txt", "x")
     check_layers(path)
-    assert [one.name for one in here.iterdir()] == ["m.keras"]
+    assert [entry.name for entry in here.iterdir()] == ["m.keras"]
 
 
 def test_pickled_code_in_a_file_is_never_run(tmp_path: Path) -> None:
@@ -303,8 +303,8 @@ def write_endless(path: Path) -> Path:
         file["layer"] = np.zeros(4, np.float32)
     contents = bytearray(path.read_bytes())
     heap = contents.index(b"HEAP")
-    _, first, place = struct.unpack_from("<QQQ", contents, heap + 8)
-    struct.pack_into("<Q", contents, place + first, first)
+    _, first, address = struct.unpack_from("<QQQ", contents, heap + 8)
+    struct.pack_into("<Q", contents, address + first, first)
     path.write_bytes(contents)
     return path
 
@@ -330,7 +330,7 @@ def test_a_damaged_hdf5_file_never_raises_another_error(tmp_path: Path) -> None:
     data, rng = path.read_bytes(), np.random.default_rng(0)
     for _ in range(20):
         damaged = bytearray(data)
-        for place in rng.integers(0, len(data), 5):
-            damaged[place] = rng.integers(0, 256)
+        for offset in rng.integers(0, len(data), 5):
+            damaged[offset] = rng.integers(0, 256)
         path.write_bytes(bytes(damaged))
         check_reading(read_keras, path)

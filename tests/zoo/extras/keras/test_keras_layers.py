@@ -44,10 +44,10 @@ IMAGES = np.random.default_rng(0).integers(0, 256, (3, *INPUT), dtype=np.uint8)
 tf = K = my_module = None  # names in Lambdas, which are never called
 
 
-def network_of(found: ConvertedKeras) -> Sequential:
-    rows, columns, channels = found.input_shape
-    network = Sequential((channels, rows, columns), found.layers, found.scale)
-    network.load_state_dict(found.state)
+def network_of(converted: ConvertedKeras) -> Sequential:
+    rows, columns, channels = converted.input_shape
+    network = Sequential((channels, rows, columns), converted.layers, converted.scale)
+    network.load_state_dict(converted.state)
     return network.eval()
 
 
@@ -56,8 +56,8 @@ def outputs(network: torch.nn.Module, images: np.ndarray = IMAGES) -> np.ndarray
         return network.eval()(torch.from_numpy(images).permute(0, 3, 1, 2)).numpy()
 
 
-def predict(found: ConvertedKeras) -> np.ndarray:
-    return outputs(network_of(found))
+def predict(converted: ConvertedKeras) -> np.ndarray:
+    return outputs(network_of(converted))
 
 
 def expected(layers: list[Layer], divisor: float = 127.5, less: float = 1.0) -> np.ndarray:
@@ -70,46 +70,46 @@ def read(folder: Path, layers: list[Layer], **more: object):
 
 @pytest.mark.parametrize("name", ["m.h5", "m.json", "m.keras"])
 def test_a_model_predicts_what_it_did(name: str, tmp_path: Path) -> None:
-    found = convert(read_keras(write_any(tmp_path / name, [SCALE, *REST])))
-    assert found.input_shape == INPUT
-    assert found.scale == (127.5, 1.0)
-    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+    converted = convert(read_keras(write_any(tmp_path / name, [SCALE, *REST])))
+    assert converted.input_shape == INPUT
+    assert converted.scale == (127.5, 1.0)
+    np.testing.assert_allclose(predict(converted), expected(REST), atol=1e-5)
 
 
 def test_the_notes_tell_what_was_understood(tmp_path: Path) -> None:
     notes = convert(read(tmp_path, [SCALE, *REST])).notes
-    assert [(one.position, one.name, one.kind) for one in notes][:2] == [
+    assert [(note.position, note.name, note.kind) for note in notes][:2] == [
         (1, "lambda_1", "Lambda"),
         (2, "conv2d_1", "Conv2D"),
     ]
     assert "127.5" in notes[0].understood
-    assert [one.shape for one in notes] == [INPUT, (9, 14, 4), (504,), (504,), (1,)]
-    assert [one.parameters for one in notes] == [0, 112, 0, 0, 505]
+    assert [note.shape for note in notes] == [INPUT, (9, 14, 4), (504,), (504,), (1,)]
+    assert [note.parameters for note in notes] == [0, 112, 0, 0, 505]
 
 
 def keras_1(layers: list[Layer], th: bool) -> list[Layer]:
     """Return layers with the classes, settings and kernels of Keras 1."""
-    found: list[Layer] = []
+    old_layers: list[Layer] = []
     for kind, config, weights in layers:
-        weights, own = list(weights), dict(config)
+        weights, settings = list(weights), dict(config)
         if kind == "Conv2D":
             rows, columns = config["kernel_size"]
             kind = "Convolution2D"
-            own = {"nb_filter": config["filters"], "nb_row": rows, "nb_col": columns}
-            own |= {"subsample": config["strides"], "border_mode": "valid", "bias": True}
-            own |= {"activation": config["activation"], "dim_ordering": "th" if th else "tf"}
+            settings = {"nb_filter": config["filters"], "nb_row": rows, "nb_col": columns}
+            settings |= {"subsample": config["strides"], "border_mode": "valid", "bias": True}
+            settings |= {"activation": config["activation"], "dim_ordering": "th" if th else "tf"}
             weights[0] = weights[0].transpose(3, 2, 0, 1) if th else weights[0]
         elif kind == "Dense":
-            own = {"output_dim": config["units"], "bias": True, "activation": "linear"}
+            settings = {"output_dim": config["units"], "bias": True, "activation": "linear"}
         elif kind == "Dropout":
-            own = {"p": config["rate"]}
-        found.append((kind, own, weights))
-    return found
+            settings = {"p": config["rate"]}
+        old_layers.append((kind, settings, weights))
+    return old_layers
 
 
 def test_keras_1_channels_last(tmp_path: Path) -> None:
-    found = convert(read(tmp_path, keras_1([SCALE, *REST], th=False), version=1))
-    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+    converted = convert(read(tmp_path, keras_1([SCALE, *REST], th=False), version=1))
+    np.testing.assert_allclose(predict(converted), expected(REST), atol=1e-5)
 
 
 @pytest.mark.parametrize("backend", ["theano", "tensorflow"])
@@ -120,16 +120,16 @@ def test_keras_1_channels_first(backend: str, tmp_path: Path) -> None:
     dense = layers[4][2][0]  # rows in the order channels, rows, columns
     layers[4][2][0] = dense.reshape(9, 14, 4).transpose(2, 0, 1).reshape(504, 1)
     shape = (INPUT[2], *INPUT[:2])
-    found = convert(read(tmp_path, layers, version=1, shape=shape, backend=backend))
-    assert found.input_shape == INPUT
-    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+    converted = convert(read(tmp_path, layers, version=1, shape=shape, backend=backend))
+    assert converted.input_shape == INPUT
+    np.testing.assert_allclose(predict(converted), expected(REST), atol=1e-5)
 
 
 def test_a_flatten_of_channels_first_puts_the_channels_last(tmp_path: Path) -> None:
     layers = [(k, c | {"data_format": "channels_first"}, w) for k, c, w in [SCALE, *REST]]
     shape = (INPUT[2], *INPUT[:2])
-    found = convert(read(tmp_path, layers, shape=shape))
-    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+    converted = convert(read(tmp_path, layers, shape=shape))
+    np.testing.assert_allclose(predict(converted), expected(REST), atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -162,10 +162,10 @@ LAMBDAS = {
 @pytest.mark.parametrize("name", LAMBDAS)
 def test_a_scale_is_read_from_a_lambdas_code(name: str, style: str, tmp_path: Path) -> None:
     function, scale = LAMBDAS[name]
-    found = convert(read(tmp_path, [("Lambda", lambda_config(function, style), []), *REST]))
-    assert found.scale == scale
+    converted = convert(read(tmp_path, [("Lambda", lambda_config(function, style), []), *REST]))
+    assert converted.scale == scale
     if scale:
-        np.testing.assert_allclose(predict(found), expected(REST, *scale), atol=1e-4)
+        np.testing.assert_allclose(predict(converted), expected(REST, *scale), atol=1e-4)
 
 
 # Code of other Pythons, as they marshal `lambda x: x / 127.5 - 1.0`.
@@ -306,9 +306,9 @@ def test_an_unclear_lambda_is_asked_for_by_key(tmp_path: Path) -> None:
     assert f"{model.path}: layer 1 of 5, lambda_1 (Lambda)" in message
     assert "set 'scale=[divisor,subtracted]'" in message
     assert "lambdas=[WORD]" in message
-    found = convert(model, scale=[255, 0.5])
-    assert found.scale == (255, 0.5)
-    np.testing.assert_allclose(predict(found), expected(REST, 255, 0.5), atol=1e-4)
+    converted = convert(model, scale=[255, 0.5])
+    assert converted.scale == (255, 0.5)
+    np.testing.assert_allclose(predict(converted), expected(REST, 255, 0.5), atol=1e-4)
     assert convert(model, lambdas=["scale:255:0.5"]).scale == (255, 0.5)
     assert convert(model, lambdas=["identity"]).scale is None
 
@@ -317,9 +317,9 @@ def test_words_are_used_in_order(tmp_path: Path) -> None:
     layers = [SCALE, CONV, UNCLEAR, *REST[1:], UNCLEAR]
     with pytest.raises(InputError, match=r"layer 3 of 7, lambda_2"):
         convert(read(tmp_path, layers), scale=[1, 0])
-    found = convert(read(tmp_path, layers), lambdas=["tanh", "atan:2"])
+    converted = convert(read(tmp_path, layers), lambdas=["tanh", "atan:2"])
     wanted = 2 * np.arctan(keras_reference.predict(np.tanh(expected([CONV])), REST[1:]))
-    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
+    np.testing.assert_allclose(predict(converted), wanted, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -335,9 +335,9 @@ def test_a_wrong_word_is_named(word: str, tmp_path: Path) -> None:
 def test_a_scale_after_a_crop_is_the_networks(tmp_path: Path) -> None:
     crop: Layer = ("Cropping2D", {"cropping": [[2, 1], [1, 0]]}, [])
     dense: Layer = ("Dense", {"units": 1}, W((448, 1), (1,)))
-    found = convert(read(tmp_path, [crop, SCALE, CONV, REST[1], dense]))
-    assert found.scale == (127.5, 1)
-    np.testing.assert_allclose(predict(found), expected([crop, CONV, REST[1], dense]), atol=1e-5)
+    result = convert(read(tmp_path, [crop, SCALE, CONV, REST[1], dense]))
+    assert result.scale == (127.5, 1)
+    np.testing.assert_allclose(predict(result), expected([crop, CONV, REST[1], dense]), atol=1e-5)
 
 
 def test_a_scale_after_a_padding_stays_there(tmp_path: Path) -> None:
@@ -345,9 +345,9 @@ def test_a_scale_after_a_padding_stays_there(tmp_path: Path) -> None:
     pad: Layer = ("ZeroPadding2D", {"padding": [[1, 1], [1, 1]]}, [])
     rescaling: Layer = ("Rescaling", {"scale": 1 / 127.5, "offset": -1}, [])
     dense: Layer = ("Dense", {"units": 1}, W((600, 1), (1,)))
-    found = convert(read(tmp_path, [pad, SCALE, CONV, REST[1], dense]), scale=[1, 0])
+    converted = convert(read(tmp_path, [pad, SCALE, CONV, REST[1], dense]), scale=[1, 0])
     wanted = expected([pad, rescaling, CONV, REST[1], dense], 1, 0)
-    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
+    np.testing.assert_allclose(predict(converted), wanted, atol=1e-5)
 
 
 def test_two_scales_are_one_and_half_of_a_scale_is_none(tmp_path: Path) -> None:
@@ -364,16 +364,16 @@ def test_two_scales_are_one_and_half_of_a_scale_is_none(tmp_path: Path) -> None:
 
 def test_a_lambda_that_resizes_and_scales_does_both(tmp_path: Path) -> None:
     layers = [("Lambda", lambda_config(lambda x: tf.image.resize(x, (20, 30)) / 255.0), []), *REST]
-    found = convert(read(tmp_path, layers, shape=(40, 60, 3)))
-    assert found.scale == (255, 0)
-    assert found.input_shape == (40, 60, 3)
-    assert found.layers[0] == {"layer": "Resize", "size": [20, 30], "method": "linear"}
+    converted = convert(read(tmp_path, layers, shape=(40, 60, 3)))
+    assert converted.scale == (255, 0)
+    assert converted.input_shape == (40, 60, 3)
+    assert converted.layers[0] == {"layer": "Resize", "size": [20, 30], "method": "linear"}
 
 
 def test_rows_of_an_index_are_a_crop_of_the_input(tmp_path: Path) -> None:
     layers = [("Lambda", lambda_config(lambda x: x[:, 10:30, :, :]), []), *REST]
-    found = convert(read(tmp_path, layers, shape=(40, 30, 3)))
-    assert found.layers[0] == {"layer": "Cropping2D", "cropping": [[10, 10], [0, 0]]}
+    converted = convert(read(tmp_path, layers, shape=(40, 30, 3)))
+    assert converted.layers[0] == {"layer": "Cropping2D", "cropping": [[10, 10], [0, 0]]}
 
 
 def test_an_unclear_lambda_that_does_more_than_scale_is_named(tmp_path: Path) -> None:
@@ -387,8 +387,8 @@ def test_a_batch_normalization_of_pixels_needs_no_scale(tmp_path: Path) -> None:
         means = [*W((3,), (3,)), np.full(3, mean, np.float32), *W((3,))]
         layers: list[Layer] = [("BatchNormalization", {}, means), *REST]
         assert convert(read(tmp_path, layers)).scale == scale
-    found = convert(read(tmp_path, layers), scale=[255, 0])
-    np.testing.assert_allclose(predict(found), expected(layers, 255, 0), atol=1e-4)
+    converted = convert(read(tmp_path, layers), scale=[255, 0])
+    np.testing.assert_allclose(predict(converted), expected(layers, 255, 0), atol=1e-4)
 
 
 def test_theanos_same_padding_is_its_own(tmp_path: Path) -> None:
@@ -417,8 +417,8 @@ def test_an_input_without_a_size_is_asked_for(tmp_path: Path) -> None:
         model = read(tmp_path, [SCALE, *REST], shape=shape)
         with pytest.raises(InputError, match=r"size=\[66,200\]"):
             convert(model)
-        found = convert(model, size=INPUT[:2])
-        np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+        converted = convert(model, size=INPUT[:2])
+        np.testing.assert_allclose(predict(converted), expected(REST), atol=1e-5)
         with pytest.raises(InputError, match=r"layer 5 of 5, dense_1 .*: its kernel is 504 x 1"):
             convert(model, size=[30, 30])
 
@@ -431,8 +431,8 @@ def test_two_outputs_are_asked_for(tmp_path: Path) -> None:
     wanted = expected(layers[1:])
     both = convert(model, outputs=["throttle", "steering"])
     np.testing.assert_allclose(predict(both), wanted[:, ::-1], atol=1e-5)
-    one = convert(model, outputs=["ignored", "steering"])
-    np.testing.assert_allclose(predict(one), wanted[:, 1:], atol=1e-5)
+    steering = convert(model, outputs=["ignored", "steering"])
+    np.testing.assert_allclose(predict(steering), wanted[:, 1:], atol=1e-5)
     for wrong in (["steering"], ["steering", "steering"], ["steering", "brake"]):
         with pytest.raises(InputError, match="outputs="):
             convert(model, outputs=wrong)
@@ -502,6 +502,6 @@ def test_an_activation_that_is_a_layer(tmp_path: Path) -> None:
     activation = {"class_name": "LeakyReLU", "config": {"alpha": 0.1}}
     conv = (CONV[0], CONV[1] | {"activation": activation}, CONV[2])
     plain = (CONV[0], CONV[1] | {"activation": "linear"}, CONV[2])
-    found = convert(read(tmp_path, [SCALE, conv, *REST[1:]]))
+    converted = convert(read(tmp_path, [SCALE, conv, *REST[1:]]))
     wanted = expected([plain, ("LeakyReLU", {"alpha": 0.1}, []), *REST[1:]])
-    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
+    np.testing.assert_allclose(predict(converted), wanted, atol=1e-5)

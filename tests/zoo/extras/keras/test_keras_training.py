@@ -47,7 +47,7 @@ def test_a_run_starts_from_keras_and_resumes_without_it(recorded: Written, tmp_p
     np.testing.assert_allclose(outputs(checkpoint.network), expected(REST), atol=1e-5)
     assert checkpoint.config["model"]["scale"] == [127.5, 1.0]
     layers = checkpoint.config["model"]["layers"]
-    assert [one["layer"] for one in layers] == ["Conv2D", "Flatten", "Dropout", "Dense"]
+    assert [layer["layer"] for layer in layers] == ["Conv2D", "Flatten", "Dropout", "Dense"]
 
     source.unlink()
     succeed(run_here(tmp_path, f"resume={run}", "trainer.max_epochs=1"))
@@ -56,8 +56,8 @@ def test_a_run_starts_from_keras_and_resumes_without_it(recorded: Written, tmp_p
     assert not np.allclose(outputs(trained.network), expected(REST), atol=1e-5)
 
     other = tmp_path / "other"
-    again = [one.replace(str(run), str(other)) for one in start]
-    again = [one for one in again if not one.startswith("model.weights")]
+    again = [word.replace(str(run), str(other)) for word in start]
+    again = [word for word in again if not word.startswith("model.weights")]
     again += [f"model.weights={run / 'checkpoints' / 'last.ckpt'}", "trainer.max_epochs=0"]
     succeed(run_here(tmp_path, *again))
     copied = load_checkpoint(other / "checkpoints" / "best.ckpt")
@@ -95,10 +95,10 @@ def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
 def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Path) -> None:
     first = {"unclear": [UNCLEAR], "unscaled": []}.get("".join(overrides), [SCALE])
     path = write_h5(tmp_path / "m.h5", [*first, *REST])
-    given = any("weights" in one for one in overrides) or not overrides
-    own = [] if given else [f"model.weights={path}"]
+    given = any("weights" in key for key in overrides) or not overrides
+    weights = [] if given else [f"model.weights={path}"]
     with pytest.raises(InputError, match=words) as caught:
-        with_file_settings(keras_config(*own, *[one for one in overrides if "=" in one]))
+        with_file_settings(keras_config(*weights, *[key for key in overrides if "=" in key]))
     assert len(str(caught.value).splitlines()) == 1
 
 

@@ -49,7 +49,7 @@ NETWORKS: dict[str, list[tuple[str, dict]]] = {
 
 
 def random_layers(kernels: list[tuple[int, ...]]) -> list[list[np.ndarray]]:
-    return [random_weights(one, one[-1:], seed=seed) for seed, one in enumerate(kernels)]
+    return [random_weights(shape, shape[-1:], seed=seed) for seed, shape in enumerate(kernels)]
 
 
 def write_keras(
@@ -69,8 +69,8 @@ def write_keras(
     layers: list[Layer] = [("Lambda", settings.get("first", {}), [])]
     for kernel, bias in arrays:
         is_dense = kernel.ndim == 2
-        kind, own = ("Dense", {}) if is_dense else ("Convolution2D", settings.get("convolution"))
-        layers.append((kind, own or {}, [kernel, bias]))
+        kind, entry = ("Dense", {}) if is_dense else ("Convolution2D", settings.get("convolution"))
+        layers.append((kind, entry or {}, [kernel, bias]))
     layers.append(("Flatten", settings.get("flatten", {}), []))
     with h5py.File(path, "w") as file:
         group = file.create_group("model_weights") if whole_model else file
@@ -86,9 +86,9 @@ def write_keras(
 
 def keras_predict(name: str, pictures: np.ndarray, arrays: list) -> np.ndarray:
     """Return a Keras model's outputs for uint8 [N, H, W, C], computed without our code."""
-    left, layers = iter(arrays), []
+    pairs, layers = iter(arrays), []
     for kind, config in NETWORKS[name]:
-        weights = list(next(left)) if kind in ("Conv2D", "Dense") else []
+        weights = list(next(pairs)) if kind in ("Conv2D", "Dense") else []
         if weights and weights[0].ndim == 3:  # of a 1-D convolution
             weights[0] = weights[0][None]
         layers.append((kind, config, weights))

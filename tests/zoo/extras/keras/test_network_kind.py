@@ -122,8 +122,8 @@ def test_an_import_reads_the_only_network_of_a_folder(tmp_path: Path) -> None:
     """comma.ai published the layers as JSON, and HDF5 weights named `.keras`."""
     path = write_json(tmp_path / "steering_angle.json", LAYERS)
     path.with_suffix(".h5").rename(path.with_suffix(".keras"))
-    for named in (tmp_path, path, path.with_suffix(".keras")):
-        check_layers(named)
+    for source in (tmp_path, path, path.with_suffix(".keras")):
+        check_layers(source)
     write_h5(tmp_path / "model.h5", LAYERS)
     with pytest.raises(InputError, match=r"holds 2 networks \(model\.h5, steering_angle\.keras\)"):
         check_layers(tmp_path)

@@ -110,8 +110,8 @@ def test_a_layer_computes_what_keras_defines(name: str, tmp_path) -> None:
     with torch.inference_mode():
         ours, doubled = network(pixels).numpy(), network.double()(pixels)
     assert doubled.dtype == torch.float64, "a drive that is scored computes so"
-    for found in (ours, doubled):
-        np.testing.assert_allclose(found, defined(images(), layers), rtol=1e-4, atol=1e-5)
+    for out in (ours, doubled):
+        np.testing.assert_allclose(out, defined(images(), layers), rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["same 3 2", "separable", "prelu", "batch norm of rows", "noise"])
@@ -119,8 +119,8 @@ def test_a_layer_trains(name: str, tmp_path) -> None:
     network = network_of(whole(CASES[name]), tmp_path / "model.h5").train()
     out = network(torch.from_numpy(images()).permute(0, 3, 1, 2))
     out.square().mean().backward()
-    for parameter, one in network.named_parameters():
-        assert one.grad is None or torch.isfinite(one.grad).all(), parameter
+    for parameter, tensor in network.named_parameters():
+        assert tensor.grad is None or torch.isfinite(tensor.grad).all(), parameter
     single = network(torch.from_numpy(images()[:1]).permute(0, 3, 1, 2))
     assert torch.isfinite(single).all(), "a batch of one has no variance"
 
@@ -211,7 +211,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("layers", "words"), WRONG, ids=[str(one)[:60] for one, _ in WRONG])
+@pytest.mark.parametrize(("layers", "words"), WRONG, ids=[str(spec)[:60] for spec, _ in WRONG])
 def test_a_wrong_spec_is_named(layers: object, words: str) -> None:
     model = {"_target_": "zoo.extras.keras.sequential.Sequential", "layers": layers}
     with pytest.raises(InputError, match=words) as caught:

@@ -75,18 +75,18 @@ def test_colour_and_crop_of_the_training_are_found(
     colour: str, crop: tuple, channels: int, steering_network: Callable, frames: TrialFrames
 ) -> None:
     view = View(crop, colour, SIZE)
-    known = KnownInput(shape=(*SIZE, channels), scale=SCALES[0])
+    model_input = KnownInput(shape=(*SIZE, channels), scale=SCALES[0])
     shares: list[float] = []
-    found = search(steering_network(view), known, frames, shares.append)
-    assert found.best.combination.view == view
-    assert found.doubts == ()
+    judgement = search(steering_network(view), model_input, frames, shares.append)
+    assert judgement.best.combination.view == view
+    assert judgement.doubts == ()
     assert shares == sorted(shares)
     assert shares[-1] == 1
 
 
 def test_the_progress_counts_every_image(steering_network: Callable, frames: TrialFrames) -> None:
     """Also those of the last stage, on all frames, which takes longest."""
-    known = KnownInput(shape=(*SIZE, 3), scale=SCALES[0])
+    model_input = KnownInput(shape=(*SIZE, 3), scale=SCALES[0])
     make, seen = steering_network(View((60, 25), "rgb", SIZE)), [0]
 
     def counted(view: View, scale: tuple[float, float]) -> nn.Module:
@@ -99,8 +99,8 @@ def test_the_progress_counts_every_image(steering_network: Callable, frames: Tri
         return count
 
     shares: list[float] = []
-    search(counted, known, frames, shares.append)
-    planned = planned_images(known, frames)
+    search(counted, model_input, frames, shares.append)
+    planned = planned_images(model_input, frames)
     assert 0.5 * planned < seen[0] < 1.3 * planned
     assert sum(0.4 < share < 1 for share in shares) > 10
     assert shares[0] < 0.05
@@ -108,11 +108,11 @@ def test_the_progress_counts_every_image(steering_network: Callable, frames: Tri
 
 def test_an_unknown_scale_is_found(steering_network: Callable, frames: TrialFrames) -> None:
     make = steering_network(View((60, 25), "rgb", SIZE))
-    known = KnownInput(shape=(*SIZE, 3), colour="rgb", crop=(60, 25))
+    model_input = KnownInput(shape=(*SIZE, 3), colour="rgb", crop=(60, 25))
     shown: list[Trial] = []
-    found = search(make, known, frames, show_best=shown.append)
-    assert found.best.combination.scale in ((127.5, 1.0), (128.0, 1.0))
-    assert found.trials.finalists[0] in shown
+    judgement = search(make, model_input, frames, show_best=shown.append)
+    assert judgement.best.combination.scale in ((127.5, 1.0), (128.0, 1.0))
+    assert judgement.trials.finalists[0] in shown
 
 
 def test_frames_lie_in_bends_all_over_the_recording() -> None:
@@ -143,39 +143,39 @@ PILOTNET = KnownInput(shape=(66, 200, 3), scale=SCALES[0])
 
 
 def test_every_colour_of_three_channels_is_tried_with_every_crop_and_unknown_scale() -> None:
-    found = combinations(PILOTNET)
-    assert len(found) == len(set(found)) == 5 * len(CROPS)
-    assert {one.view.colour for one in found} == {"rgb", "bgr", "yuv", "yuv_old", "hsv"}
-    assert {one.view.shape for one in found} == {(66, 200, 3)}
+    entries = combinations(PILOTNET)
+    assert len(entries) == len(set(entries)) == 5 * len(CROPS)
+    assert {entry.view.colour for entry in entries} == {"rgb", "bgr", "yuv", "yuv_old", "hsv"}
+    assert {entry.view.shape for entry in entries} == {(66, 200, 3)}
     unscaled = combinations(KnownInput(shape=(66, 200, 3), colour="rgb", crop=(60, 25)))
     assert [combination.scale for combination in unscaled] == list(SCALES)
 
 
 def test_a_whole_frame_is_not_cropped() -> None:
-    found = combinations(KnownInput(shape=(160, 320, 3), scale=SCALES[0]))
-    assert {(one.view.crop, one.view.size) for one in found} == {((0, 0), None)}
+    entries = combinations(KnownInput(shape=(160, 320, 3), scale=SCALES[0]))
+    assert {(entry.view.crop, entry.view.size) for entry in entries} == {((0, 0), None)}
 
 
 def test_a_crop_that_leaves_the_input_is_not_resized() -> None:
-    found = combinations(KnownInput(shape=(80, 320, 1), scale=SCALES[0]))
-    assert {one.view.colour for one in found} == {"gray", "hsv_s"}
-    assert {one.view.crop for one in found if one.view.size is None} == {(60, 20), (55, 25)}
+    entries = combinations(KnownInput(shape=(80, 320, 1), scale=SCALES[0]))
+    assert {entry.view.colour for entry in entries} == {"gray", "hsv_s"}
+    assert {entry.view.crop for entry in entries if entry.view.size is None} == {(60, 20), (55, 25)}
     assert likeliest_combination(KnownInput(shape=(65, 320, 3), scale=SCALES[0])).view == View(
         (70, 25), "rgb", None
     )
 
 
 def test_what_is_known_is_not_tried() -> None:
-    known = replace(PILOTNET, colour="bgr", crop=(61, 26), resize="linear", scale=(2.0, 0.0))
-    (only,) = combinations(known)
+    model_input = replace(PILOTNET, colour="bgr", crop=(61, 26), resize="linear", scale=(2.0, 0.0))
+    (only,) = combinations(model_input)
     assert only == Combination(View((61, 26), "bgr", (66, 200), "linear"), (2.0, 0.0))
-    assert with_each_resize(only, known) == [only]
+    assert with_each_resize(only, model_input) == [only]
 
 
 def test_the_popular_input_is_known_where_it_fits() -> None:
     assert popular_combinations(KnownInput(shape=(66, 200, 3))) == [POPULAR]
-    for known in ({"scale": (127.5, 1.0)}, {"colour": "rgb"}, {"resize": "area"}):
-        assert popular_combinations(KnownInput(shape=(66, 200, 3), **known)) == []
+    for settings in ({"scale": (127.5, 1.0)}, {"colour": "rgb"}, {"resize": "area"}):
+        assert popular_combinations(KnownInput(shape=(66, 200, 3), **settings)) == []
     assert popular_combinations(KnownInput(shape=(64, 64, 3))) == []
 
 
@@ -184,7 +184,7 @@ def test_resizing_before_the_colour_is_tried_where_it_differs() -> None:
     rgb = Combination(View((60, 25), "rgb", (66, 200)), SCALES[0])
     whole = Combination(View((0, 0), "yuv", None), SCALES[0])
     ways = [
-        [one.view.resize for one in with_each_resize(one, PILOTNET)] for one in (yuv, rgb, whole)
+        [way.view.resize for way in with_each_resize(base, PILOTNET)] for base in (yuv, rgb, whole)
     ]
     assert ways == [
         ["area", "linear", "area_first", "linear_first", "blur_linear"],
@@ -214,16 +214,16 @@ def trial(
 
 
 def judged(*trials: Trial, driven: tuple[Driven, ...] = ()):
-    ranked = sorted(trials, key=lambda one: -one.score)
+    ranked = sorted(trials, key=lambda candidate: -candidate.score)
     return judge(Trials(tuple(ranked), tuple(ranked)), driven)
 
 
 def test_what_a_network_saw_that_steers_as_recorded_is_certain() -> None:
-    found = judged(trial(noise=0.1), trial("yuv", gain=0.3, noise=0.3, seed=1))
-    assert found.doubts == ()
-    assert found.best.combination.view.colour == "rgb"
-    assert found.next.combination.view.colour == "yuv"
-    assert 0 < found.chance < found.best.correlation
+    judgement = judged(trial(noise=0.1), trial("yuv", gain=0.3, noise=0.3, seed=1))
+    assert judgement.doubts == ()
+    assert judgement.best.combination.view.colour == "rgb"
+    assert judgement.next.combination.view.colour == "yuv"
+    assert 0 < judgement.chance < judgement.best.correlation
 
 
 @pytest.mark.parametrize(
@@ -237,8 +237,8 @@ def test_what_a_network_saw_that_steers_as_recorded_is_certain() -> None:
 )
 def test_a_doubt_names_its_reason(doubtful: dict, reason: str) -> None:
     others = [trial(colour, gain=0, noise=1, side=0, seed=1) for colour in ("yuv", "bgr")]
-    found = judge(Trials((trial(**doubtful), *others), (trial(**doubtful), *others)))
-    assert any(reason in one for one in found.doubts)
+    judgement = judge(Trials((trial(**doubtful), *others), (trial(**doubtful), *others)))
+    assert any(reason in doubt for doubt in judgement.doubts)
 
 
 # What networks return in place of the steering, as functions of it.
@@ -252,9 +252,9 @@ MEANINGS = {
 }
 
 
-def meaning(one: Trial, name: str) -> Trial:
+def meaning(original: Trial, name: str) -> Trial:
     factor, offset = MEANINGS[name]
-    return replace(one, cameras=factor * one.cameras + offset)
+    return replace(original, cameras=factor * original.cameras + offset)
 
 
 @pytest.mark.parametrize("name", MEANINGS)
@@ -267,13 +267,13 @@ def test_a_colour_that_amplifies_is_not_ranked_higher(name: str) -> None:
 
 @pytest.mark.parametrize("name", MEANINGS)
 def test_the_straight_line_tells_what_the_output_means(name: str) -> None:
-    one = meaning(trial(noise=0.05), name)
+    entry = meaning(trial(noise=0.05), name)
     factor, offset = MEANINGS[name]
-    assert one.line == pytest.approx((1 / factor, -offset / factor), rel=0.05, abs=0.01)
+    assert entry.line == pytest.approx((1 / factor, -offset / factor), rel=0.05, abs=0.01)
     # A factor of 2 is that of a network that steers weakly, too.
-    assert one.means_steering == (name in ("steering", "radians"))
-    doubts = judged(one, trial("yuv", gain=0, noise=1, seed=1)).doubts
-    assert ["not like steering" in doubt for doubt in doubts] == [True] * (not one.means_steering)
+    assert entry.means_steering == (name in ("steering", "radians"))
+    doubts = judged(entry, trial("yuv", gain=0, noise=1, seed=1)).doubts
+    assert ["not like steering" in doubt for doubt in doubts] == [True] * (not entry.means_steering)
 
 
 @pytest.mark.parametrize("gain", [0.4, 2.0])
@@ -285,33 +285,33 @@ def test_a_constant_output_has_a_line() -> None:
     assert trial(gain=0).line == (0.0, pytest.approx(STEERING.mean()))
 
 
-def printed(found: Judgement) -> str:
+def printed(judgement: Judgement) -> str:
     console = Console(file=io.StringIO(), width=200)
     again = ["drivezoo", "import", "my net.h5", "recording=lake"]
-    print_judgement(found, found.best.line, again, console)
+    print_judgement(judgement, judgement.best.line, again, console)
     return console.file.getvalue()
 
 
-@pytest.mark.parametrize("kept", [True, False])
+@pytest.mark.parametrize("finished", [True, False])
 @pytest.mark.parametrize("noise", [0.1, 0.62])
-def test_what_it_saw_and_how_it_drives_are_two_sentences(kept: bool, noise: float) -> None:
-    one = trial(noise=noise)
-    lines = printed(judged(one, driven=(Driven(one, 150, kept, 0.3),))).splitlines()
+def test_what_it_saw_and_how_it_drives_are_two_sentences(finished: bool, noise: float) -> None:
+    best = trial(noise=noise)
+    lines = printed(judged(best, driven=(Driven(best, 150, finished, 0.3),))).splitlines()
     saw, drives = (
         next(line for line in lines if line.startswith(begin))
         for begin in ("what it saw: colour=rgb 'crop=[60,25]'", "how it drives: ")
     )
     assert ("not certain" in saw) == (noise > 0.5)
-    assert ("left the lane after 150 m" in drives) == (not kept)
-    failed = noise > 0.5 or not kept
+    assert ("left the lane after 150 m" in drives) == (not finished)
+    failed = noise > 0.5 or not finished
     missing = [word for word in ("columns", "Canny", "blurs", "own pixels") if word in str(lines)]
     assert len(missing) == 4 * failed, "what no key does is told where the search fails"
 
 
 def test_a_line_that_is_far_from_the_output_is_offered_as_a_key() -> None:
-    found = printed(judged(meaning(trial(noise=0.05), "0..1")))
-    assert "how it drives: not tried" in found
-    assert "drivezoo import 'my net.h5' recording=lake 'steering=[" in found
+    text = printed(judged(meaning(trial(noise=0.05), "0..1")))
+    assert "how it drives: not tried" in text
+    assert "drivezoo import 'my net.h5' recording=lake 'steering=[" in text
     assert "steering=[" not in printed(judged(trial(noise=0.05)))
     assert "steering = 0.9" in printed(judged(trial(noise=0.05)))
 
@@ -330,13 +330,13 @@ def test_chance_counts_all_inputs_that_were_tried() -> None:
 
 
 def test_inputs_that_steer_the_same_or_as_well_are_named() -> None:
-    found = judged(trial(resize="linear"), trial(noise=0.001), trial("yuv", noise=0.6))
-    assert found.best.combination.view.resize == "area", "the usual one"
-    assert [trial.combination.view.resize for trial in found.alike] == ["linear"]
-    assert not found.tied
-    found = judged(trial("rgb", noise=0.2), trial("bgr", noise=0.2, seed=1))
-    assert len(found.tied) == 1
-    assert found.next is None
+    judgement = judged(trial(resize="linear"), trial(noise=0.001), trial("yuv", noise=0.6))
+    assert judgement.best.combination.view.resize == "area", "the usual one"
+    assert [trial.combination.view.resize for trial in judgement.alike] == ["linear"]
+    assert not judgement.tied
+    judgement = judged(trial("rgb", noise=0.2), trial("bgr", noise=0.2, seed=1))
+    assert len(judgement.tied) == 1
+    assert judgement.next is None
 
 
 def test_concordance_sees_what_the_correlation_does_not() -> None:
