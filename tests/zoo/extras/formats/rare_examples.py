@@ -36,7 +36,7 @@ def change_column(folder: Path) -> None:
     parquet.write_table(pytest.importorskip("pyarrow").table(columns), file)
 
 
-@rare.kept
+@rare.cached
 def lerobot(folder: Path) -> Path:
     pytest.importorskip("pyarrow")
     return ours("lerobot")(folder)

@@ -15,7 +15,7 @@ import pytest
 from tests.foreign_recordings import ROWS, STEERING, frames, write_frames
 
 
-def kept(write: Callable[[Path], Path]) -> Callable[[Path], Path]:
+def cached(write: Callable[[Path], Path]) -> Callable[[Path], Path]:
     """Return a writer that encodes a recording once, and copies its files after that."""
 
     @functools.cache
@@ -45,7 +45,7 @@ def sullychen(folder: Path, right: float = 1.0, full: float = 540.0, zero: float
     return folder
 
 
-@kept
+@cached
 def deeppicar(folder: Path) -> Path:
     folder.mkdir()
     video, motion_jpeg = folder / "out-video.avi", cv2.VideoWriter_fourcc(*"MJPG")
@@ -68,7 +68,7 @@ def jetracer(folder: Path) -> Path:
     return folder
 
 
-@kept
+@cached
 def comma2016(folder: Path) -> Path:
     h5py = pytest.importorskip("h5py")
     for name in ("camera", "log"):
@@ -84,7 +84,7 @@ def comma2016(folder: Path) -> Path:
     return folder
 
 
-@kept
+@cached
 def comma2k19(folder: Path) -> Path:
     signals = {
         "processed_log/CAN/steering_angle": -500.0 * STEERING,

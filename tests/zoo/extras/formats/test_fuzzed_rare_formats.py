@@ -78,9 +78,9 @@ MANY = {"lerobot": 133}
 def test_damaged_recordings(
     name: str, count: int, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    write, _, _, said = RARE[name]
+    write, _, _, options = RARE[name]
     strategies = STRATEGIES | {".h5": mutated_hdf5, "": mutated_array}
-    check_damaged(write, said, strategies, count, tmp_path, capsys)
+    check_damaged(write, options, strategies, count, tmp_path, capsys)
 
 
 @pytest.fixture

@@ -170,7 +170,7 @@ def write_foreign(folder: Path, steering: str = "steering wheel", png: bool = Fa
     for key in list(features)[2:]:
         if png:
             data = [cv2.imencode(".png", frame)[1].tobytes() for frame in frames]
-            columns[key] = [{"bytes": one, "path": "../../etc/passwd"} for one in data]
+            columns[key] = [{"bytes": image, "path": "../../etc/passwd"} for image in data]
             continue
         path = folder / f"videos/{key}/chunk-000/file-000.mp4"
         path.parent.mkdir(parents=True)
@@ -242,8 +242,8 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     rear = ReadOptions(steering="action:1", camera="rear")
     with pytest.raises(UsageError, match="front_left"):
         convert_to_recording(foreign, tmp_path / "new", rear)
-    named = ReadOptions(steering="action:1", camera="front_left")
-    convert_to_recording(foreign, tmp_path / "new", named)
+    front = ReadOptions(steering="action:1", camera="front_left")
+    convert_to_recording(foreign, tmp_path / "new", front)
     assert read_recordings(str(tmp_path / "new")).steering[3] == np.float32(0.3)
 
 
@@ -303,48 +303,48 @@ PLAYLIST = b"#EXTM3U\n#EXTINF:1,\n/etc/passwd\n#EXT-X-ENDLIST\n"
 
 
 @pytest.mark.parametrize(
-    ("damage", "named"),
+    ("damage", "words"),
     [
-        (lambda one: _info(one, codebase_version="v1.6"), "info.json: codebase_version is 'v1.6'"),
-        (lambda one: _info(one, data_path="../{chunk_index}"), "info.json: data_path"),
-        (lambda one: _info(one, video_path="{video_key.__class__}"), "info.json: video_path"),
-        (lambda one: _info(one, fps="many"), "info.json: fps"),
-        (lambda one: _info(one, features=[1]), "info.json: features"),
-        (lambda one: _camera(one, "../../../other"), "camera '../../../other'"),
-        (lambda one: _camera(one, ".."), "camera '..'"),
-        (lambda one: (one / "meta/info.json").write_text("{"), "info.json: no JSON"),
-        (lambda one: _halve(one / DATA), f"{DATA}: the Parquet file is damaged"),
-        (lambda one: (one / DATA).unlink(), "holds no chunk-000/file-000.parquet"),
-        (lambda one: (one / EPISODES).write_bytes(b"PAR1"), f"{EPISODES}: the Parquet file"),
-        (lambda one: _put(one, "steering", 7.0), f"{DATA}, row 7: steering is 7, beyond -1..1"),
-        (lambda one: _put(one, "steering", None), f"{DATA}, row 7: steering is empty"),
+        (lambda log: _info(log, codebase_version="v1.6"), "info.json: codebase_version is 'v1.6'"),
+        (lambda log: _info(log, data_path="../{chunk_index}"), "info.json: data_path"),
+        (lambda log: _info(log, video_path="{video_key.__class__}"), "info.json: video_path"),
+        (lambda log: _info(log, fps="many"), "info.json: fps"),
+        (lambda log: _info(log, features=[1]), "info.json: features"),
+        (lambda log: _camera(log, "../../../other"), "camera '../../../other'"),
+        (lambda log: _camera(log, ".."), "camera '..'"),
+        (lambda log: (log / "meta/info.json").write_text("{"), "info.json: no JSON"),
+        (lambda log: _halve(log / DATA), f"{DATA}: the Parquet file is damaged"),
+        (lambda log: (log / DATA).unlink(), "holds no chunk-000/file-000.parquet"),
+        (lambda log: (log / EPISODES).write_bytes(b"PAR1"), f"{EPISODES}: the Parquet file"),
+        (lambda log: _put(log, "steering", 7.0), f"{DATA}, row 7: steering is 7, beyond -1..1"),
+        (lambda log: _put(log, "steering", None), f"{DATA}, row 7: steering is empty"),
         (
-            lambda one: _rewrite(one, "steering", ["x"] * 40),
+            lambda log: _rewrite(log, "steering", ["x"] * 40),
             f"{DATA}: steering is string, expected numbers",
         ),
-        (lambda one: _put(one, "timestamp", 1e9), f"{DATA}, row 7: timestamp"),
+        (lambda log: _put(log, "timestamp", 1e9), f"{DATA}, row 7: timestamp"),
         (
-            lambda one: _rewrite(one, "episode_index", [5] * 40),
+            lambda log: _rewrite(log, "episode_index", [5] * 40),
             "hold 40 rows (3 episodes differ: episode 0 has 0 rows of 20",
         ),
         (
-            lambda one: _rewrite(
-                one, "videos/observation.images.center/file_index", [-1, 0], EPISODES
+            lambda log: _rewrite(
+                log, "videos/observation.images.center/file_index", [-1, 0], EPISODES
             ),
             f"{EPISODES}, row 1: no place of a video",
         ),
-        (lambda one: (one / CENTER).unlink(), f"{CENTER}: No such file"),
-        (lambda one: _halve(one / CENTER), f"{CENTER}: "),
-        (lambda one: (one / CENTER).write_bytes(b""), f"{CENTER}: no MP4"),
-        (lambda one: _spoil(one / CENTER), f"{CENTER}: "),
-        (lambda one: (one / CENTER).write_bytes(PLAYLIST), f"{CENTER}: no MP4"),
+        (lambda log: (log / CENTER).unlink(), f"{CENTER}: No such file"),
+        (lambda log: _halve(log / CENTER), f"{CENTER}: "),
+        (lambda log: (log / CENTER).write_bytes(b""), f"{CENTER}: no MP4"),
+        (lambda log: _spoil(log / CENTER), f"{CENTER}: "),
+        (lambda log: (log / CENTER).write_bytes(PLAYLIST), f"{CENTER}: no MP4"),
     ],
 )
 def test_damage_is_named_in_one_line_and_nothing_is_left(
-    damage: Callable[[Path], None], named: str, copy: Path, tmp_path: Path
+    damage: Callable[[Path], None], words: str, copy: Path, tmp_path: Path
 ) -> None:
     damage(copy)
-    assert named in refusal(convert_to_recording, copy, tmp_path / "new")
+    assert words in refusal(convert_to_recording, copy, tmp_path / "new")
     assert [path.name for path in tmp_path.iterdir()] == ["copy"]
 
 

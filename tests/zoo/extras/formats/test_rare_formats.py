@@ -198,13 +198,13 @@ def test_a_short_video_is_named_with_the_row(tmp_path: Path, capsys: pytest.Capt
     folder = deeppicar(tmp_path / "recording")
     with (folder / "out-key.csv").open("a") as file:
         file.writelines(f"{50 * row},{row + 1},0.1\n" for row in range(ROWS, ROWS + 2))
-    place = rf"out-key\.csv, row {ROWS + 2}: .*it has {ROWS} images"
+    pattern = rf"out-key\.csv, row {ROWS + 2}: .*it has {ROWS} images"
     settings = DataSettings(str(folder), colour="gray", size=(16, 32), cache=None)
-    with pytest.raises(InputError, match=rf"{place}.*on_bad_image=skip"):
+    with pytest.raises(InputError, match=rf"{pattern}.*on_bad_image=skip"):
         settings.load(Console(quiet=True))
     assert not check(str(folder))
     printed = capsys.readouterr().out
-    assert re.search(place, printed)
+    assert re.search(pattern, printed)
     assert "2 bad images; copy" in printed
 
 
