@@ -96,14 +96,14 @@ def marked(submitted: Path, suite: Path, tmp_path_factory: pytest.TempPathFactor
 
 
 def test_each_student_has_a_row_and_a_page(marked: graded.Graded) -> None:
-    status = {one.submission.name: one.status for one in marked.grades}
+    status = {student.submission.name: student.status for student in marked.grades}
     expected = {"ada": "passed", "ben": "missed", "dora": "passed"}
     assert status == expected | dict.fromkeys(["eve", "finn"], "not driven")
     lines = {line.partition(":")[0]: line for line in marked.lines}
     assert "same network as dora" in lines["ada"]
     assert "not a torch file" in lines["eve"]
     assert "no .ckpt or .onnx file" in lines["finn"]
-    pages = {one.stem: one.read_text() for one in (marked.folder / graded.PAGES).iterdir()}
+    pages = {page.stem: page.read_text() for page in (marked.folder / graded.PAGES).iterdir()}
     assert pages.keys() == status.keys()
     for name, words in (("eve", "not a torch file"), ("finn", "no .ckpt or .onnx file")):
         assert "not driven" in pages[name]
@@ -125,8 +125,8 @@ def test_points_are_the_share_of_marks_passed(marked: graded.Graded) -> None:
 
 
 def test_no_page_of_a_student_names_a_drawn_road(marked: graded.Graded, suite: Path) -> None:
-    drawn = {one.track for one in read_suite(str(marked.folder / graded.SUITE)).drives}
-    assert not drawn & {one.track for one in read_suite(str(suite)).drives}
+    drawn = {drive.track for drive in read_suite(str(marked.folder / graded.SUITE)).drives}
+    assert not drawn & {drive.track for drive in read_suite(str(suite)).drives}
     for page in (marked.folder / graded.PAGES).iterdir():
         assert not any(track.rpartition(":")[2] in page.read_text() for track in drawn)
 
@@ -175,9 +175,9 @@ def test_a_random_seed_refuses_the_folder_of_a_typed_one(
 
 
 def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_path: Path) -> None:
-    one = Submission("eve.1", submitted / "eve.ckpt")
+    submission = Submission("eve.1", submitted / "eve.ckpt")
     with pytest.raises(InputError, match="not driven within"):
-        graded._drive(tmp_path / "drives" / "eve.1-0", one, tmp_path / "suite.yaml", 1e-5)
+        graded._drive(tmp_path / "drives" / "eve.1-0", submission, tmp_path / "suite.yaml", 1e-5)
     assert [file.name for file in (tmp_path / "drives").glob("*.txt")] == ["eve.1-0.txt"]
 
 
@@ -190,20 +190,20 @@ def test_a_process_that_dies_is_named_by_its_last_line(
         return subprocess.Popen([sys.executable, "-c", program], **output)
 
     monkeypatch.setattr(graded, "start_module", start)
-    one = Submission("eve", submitted / "eve.ckpt")
+    submission = Submission("eve", submitted / "eve.ckpt")
     with pytest.raises(InputError, match="Segmentation fault"):
-        graded._drive(tmp_path / "drives" / "eve-0", one, tmp_path / "suite.yaml", 1.0)
+        graded._drive(tmp_path / "drives" / "eve-0", submission, tmp_path / "suite.yaml", 1.0)
 
 
 def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
     def tracks(seed: int | None, roads: int = 1) -> dict[str, list[str]]:
         groups = yaml.safe_load(redraw_suite("course", seed, roads))["groups"]
-        return {name: [one["track"] for one in drives] for name, drives in groups.items()}
+        return {name: [drive["track"] for drive in drives] for name, drives in groups.items()}
 
     assert redrawn("a/own.yaml:3", 7, 1)[0][2:] == redrawn("b/own.yaml:3", 7, 1)[0][2:]
-    own, drawn = tracks(None), tracks(7, roads=2)
+    course, drawn = tracks(None), tracks(7, roads=2)
     assert drawn == tracks(7, roads=2) != tracks(8, roads=2)
-    for group, roads in own.items():
+    for group, roads in course.items():
         families = [road.partition(":")[0] for road in roads for _ in range(2)]
         assert [road.partition(":")[0] for road in drawn[group]] == families
         assert not set(roads) & set(drawn[group])
@@ -214,9 +214,9 @@ def test_places_of_levels_are_drawn_by_the_seed(tmp_path: Path) -> None:
     levels = [{"family": "alpine"}, {"family": "alpine", "speed": 18}]
     suite.write_text(yaml.safe_dump({"name": "own", "axes": {"dynamics": levels}, "roads": 3}))
     drawn.write_text(redraw_suite(str(suite), 5, 2))
-    places, own = ([each.track for each in read_suite(str(path)).drives] for path in (drawn, suite))
+    places, old = ([each.track for each in read_suite(str(path)).drives] for path in (drawn, suite))
     assert len(places) == 12
-    assert not set(places) & set(own)
+    assert not set(places) & set(old)
 
 
 DRIVER = Driver(file="x", sha256="0", model="LeNet", training_seed=1, parameters=1, data="1")
@@ -230,15 +230,15 @@ def test_cards_and_trainings_are_compared_with_the_file(tmp_path: Path) -> None:
     facts = NetworkFacts(outputs=[], row_hashes=[*course.row_hashes()[:192], *range(64)])
     facts = facts.model_copy(update={"roads": [road_key("alpine:9"), "udacity_lake"]})
     roads = {road_key(track): track for track in ("alpine:9", "alpine:8")}
-    found = warnings_of(Submission("ada", file), driver, facts, roads, course)
-    assert [line.split(",")[0] for line in found] == [
+    warnings = warnings_of(Submission("ada", file), driver, facts, roads, course)
+    assert [line.split(",")[0] for line in warnings] == [
         "trained on alpine:9",
         "trained on def",
         "README.md states with fingerprint abc",
     ]
-    assert "75 % (69 to 80) of its rows are of the course" in found[1]
-    found = warnings_of(Submission("ada", file), driver, None, roads, course)
-    assert "rows are of the course is unknown" in found[0]
+    assert "75 % (69 to 80) of its rows are of the course" in warnings[1]
+    warnings = warnings_of(Submission("ada", file), driver, None, roads, course)
+    assert "rows are of the course is unknown" in warnings[0]
     unknown = driver.model_copy(update={"data": ""})
     (line,) = warnings_of(Submission("ben", tmp_path / "ben.onnx"), unknown, None, roads, course)
     assert "tells nothing of its training" in line
@@ -253,7 +253,7 @@ def test_an_export_is_the_same_network(tmp_path: Path) -> None:
         write_facts(file, tmp_path / "facts.json")
         facts.append(read_facts(tmp_path / "facts.json"))
     assert len(facts[0].outputs) == IMAGES
-    assert [facts[0].equals(one) for one in facts] == [True, False, True]
+    assert [facts[0].equals(other) for other in facts] == [True, False, True]
 
 
 def test_a_wrong_folder_gets_one_line(tmp_path: Path) -> None:
@@ -306,7 +306,7 @@ def hand_in(folder: Path) -> None:
 @pytest.fixture
 def as_ada(marked: graded.Graded, monkeypatch: pytest.MonkeyPatch) -> None:
     """Copy a student's drives in place of driving."""
-    (source,) = (one for one in (marked.folder / graded.DRIVES).glob("ada-*") if one.is_dir())
+    (source,) = (path for path in (marked.folder / graded.DRIVES).glob("ada-*") if path.is_dir())
 
     def copy(folder: Path, submission: Submission, *_: object) -> None:
         shutil.copytree(source, folder)
@@ -319,16 +319,16 @@ def as_ada(marked: graded.Graded, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="names that other systems refuse")
 def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.CaptureFixture) -> None:
     hand_in(here / "class")
-    found = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
-    found.show()
-    status = {one.submission.name: one.status for one in found.grades}
+    result = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    result.show()
+    status = {student.submission.name: student.status for student in result.grades}
     broken = ["4_dora", "dangling", "folder.ckpt", "twice"]
     assert status == {
         **dict.fromkeys([*NAMES.values(), "a good one", "latin", "large", "apple"], "passed"),
         **dict.fromkeys(broken, "not driven"),
     }
     assert len([*(here / "out" / graded.PAGES).iterdir()]) == len(status)
-    lines = {grade.submission.name: " ".join(grade.warnings) for grade in found.grades}
+    lines = {student.submission.name: " ".join(student.warnings) for student in result.grades}
     for name, words in (
         ("dangling", "two submissions"),
         ("twice", "two submissions"),
@@ -354,7 +354,7 @@ def test_an_unexpected_error_is_one_students_alone(
     usual = getattr(graded, part)
 
     def fail_for_ann(*arguments: object) -> object:
-        if any("ann" in str(one) for one in arguments):
+        if any("ann" in str(argument) for argument in arguments):
             raise RuntimeError("something odd")
         return usual(*arguments)
 
@@ -419,18 +419,18 @@ def test_copies_and_packaged_networks_are_said(suite: Path, here: Path, as_ada: 
     changed_copy(PACKAGED / "pilotnet.ckpt", folder / "dan.ckpt", strip)
     write_pilotnet(folder / "eve.ckpt", 1)
     write_pilotnet(folder / "finn.ckpt", 2)
-    found = grade(folder, suite=str(suite), seed=5, out=here / "out").grades
-    said = {one.submission.name: " ".join(one.warnings) for one in found}
-    assert "is the same network as lenet, which comes with drivezoo" in said["ann"]
+    grades = grade(folder, suite=str(suite), seed=5, out=here / "out").grades
+    warnings = {student.submission.name: " ".join(student.warnings) for student in grades}
+    assert "is the same network as lenet, which comes with drivezoo" in warnings["ann"]
     for name in ("ben", "cleo"):
-        assert "is nearly the same network as lenet, which comes" in said[name]
-        assert "is nearly the same network as ann" in said[name]
-    assert "is the same network as pilotnet, which comes" in said["dan"]
+        assert "is nearly the same network as lenet, which comes" in warnings[name]
+        assert "is nearly the same network as ann" in warnings[name]
+    assert "is the same network as pilotnet, which comes" in warnings["dan"]
     for name in ("eve", "finn"):
-        assert "same network" not in said[name]
+        assert "same network" not in warnings[name]
     for name in ("dan", "eve"):
-        assert "tells nothing of its training" in said[name]
-    assert "tells nothing" not in said["ann"]
+        assert "tells nothing of its training" in warnings[name]
+    assert "tells nothing" not in warnings["ann"]
 
 
 def test_the_roads_of_a_config_are_those_of_the_training(tmp_path: Path) -> None:
