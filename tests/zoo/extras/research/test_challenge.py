@@ -29,11 +29,11 @@ class RightHalf(Policy):
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return the folder of a small test whose frames are public and private in turns."""
-    made = challenge2_test(tmp_path / "test")
-    header, *rows = (made / TEST).read_text().splitlines()
+    path = challenge2_test(tmp_path / "test")
+    header, *rows = (path / TEST).read_text().splitlines()
     rows = [f"{row[:-1]}{number % 2}" for number, row in enumerate(rows)]
-    (made / TEST).write_text("\n".join([header, *rows, ""]))
-    return made
+    (path / TEST).write_text("\n".join([header, *rows, ""]))
+    return path
 
 
 def frames_of(path: Path) -> tuple[list[str], np.ndarray]:
@@ -61,8 +61,8 @@ def test_the_errors_are_those_of_the_angles_of_each_half(folder: Path, tmp_path:
     # The same curvature on the wheels of the road car, whose wheelbase and lock are others.
     degrees = np.degrees(np.arctan(2.85 * np.tan(np.radians(12.5)) / 2.87))
     wheel = -np.radians(degrees) * 14.8
-    own = np.sqrt(((angles[private] - wheel) ** 2).mean())
-    assert result.rmse["policy"]["private"].value == pytest.approx(own, rel=1e-3)
+    error = np.sqrt(((angles[private] - wheel) ** 2).mean())
+    assert result.rmse["policy"]["private"].value == pytest.approx(error, rel=1e-3)
     sent, steering = frames_of(tmp_path / "out" / "submission.csv")
     assert sent == frames
     assert steering[0] == pytest.approx(wheel, rel=1e-3)
@@ -93,7 +93,7 @@ def test_a_network_of_these_frames_needs_a_split(folder: Path, tmp_path: Path) -
         drivezoo.challenge(policy, folder)
 
     frames = frames_of(folder / TEST)[0]
-    rows = [f"{one}.jpg,{'test' if one in frames[:4] else 'train'}\n" for one in frames]
+    rows = [f"{frame}.jpg,{'test' if frame in frames[:4] else 'train'}\n" for frame in frames]
     (tmp_path / "split.csv").write_text("".join(["image,part\n", *rows]))
     result = drivezoo.challenge(policy, folder, split=tmp_path / "split.csv", out=tmp_path / "out")
     assert result.frames == 4
@@ -105,8 +105,8 @@ def test_a_split_of_another_run_is_refused(folder: Path, tmp_path: Path) -> None
     trained = {"split": "random", "split_seed": 0, "block_s": None, "gap_s": None, **shares}
     policy.data, policy.config = {"fingerprint": recording.fingerprint()}, {"data": trained}
     for seed in (0, 1):
-        found = split_rows(recording, "random", seed=seed, **shares)
-        write_split(tmp_path / f"{seed}.csv", recording, found)
+        split = split_rows(recording, "random", seed=seed, **shares)
+        write_split(tmp_path / f"{seed}.csv", recording, split)
     assert drivezoo.challenge(policy, folder, split=tmp_path / "0.csv", out=tmp_path / "out").frames
     with pytest.raises(UsageError, match=r"1\.csv: .*trained on \d+ of its \d+ test rows"):
         drivezoo.challenge(policy, folder, split=tmp_path / "1.csv", out=tmp_path / "out")

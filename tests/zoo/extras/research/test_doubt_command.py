@@ -30,11 +30,11 @@ def dropout(tmp_path: Path) -> Path:
 @pytest.fixture
 def ensemble(tmp_path: Path) -> Path:
     """Return a file of three checkpoints with two views; the checkpoints are gone."""
-    members = [write_constant(tmp_path / f"{one}.ckpt", one) for one in (0.1, 0.3)]
+    members = [write_constant(tmp_path / f"{steering}.ckpt", steering) for steering in (0.1, 0.3)]
     members.append(write_pilotnet(tmp_path / "pilotnet.ckpt"))
     doubt.main([*map(str, members), f"out={tmp_path / 'ensemble.ckpt'}"])
-    for one in members:
-        one.unlink()
+    for member in members:
+        member.unlink()
     return tmp_path / "ensemble.ckpt"
 
 
@@ -53,14 +53,14 @@ def test_several_become_an_ensemble_with_their_own_views(ensemble: Path, tmp_pat
 
 
 def test_the_table_has_a_row_for_each_checkpoint(here: Path, capsys: pytest.CaptureFixture) -> None:
-    members = [write_constant(Path(f"{one}.ckpt"), one) for one in (0.1, 0.3)]
+    members = [write_constant(Path(f"{steering}.ckpt"), steering) for steering in (0.1, 0.3)]
     members.append(write_pilotnet(Path("[red].ckpt")))
     doubt.main([*map(str, members), "table=networks.csv"])
     rows = list(csv.DictReader(Path("networks.csv").read_text().splitlines()))
-    assert [one["checkpoint"] for one in rows] == ["0.1.ckpt", "0.3.ckpt", "[red].ckpt"]
-    assert [one["network"] for one in rows] == ["Linear", "Linear", "PilotNet"]
-    assert sum(int(one["parameters"]) for one in rows) == load_policy("doubt.ckpt").parameters
-    assert [rows[2][one] for one in ("width", "height", "colour")] == ["200", "66", "rgb"]
+    assert [row["checkpoint"] for row in rows] == ["0.1.ckpt", "0.3.ckpt", "[red].ckpt"]
+    assert [row["network"] for row in rows] == ["Linear", "Linear", "PilotNet"]
+    assert sum(int(row["parameters"]) for row in rows) == load_policy("doubt.ckpt").parameters
+    assert [rows[2][column] for column in ("width", "height", "colour")] == ["200", "66", "rgb"]
     printed = capsys.readouterr().out
     assert "[red].ckpt" in printed, "a name is not markup"
     assert "wrote: doubt.ckpt\nwrote: networks.csv\n" in printed
@@ -72,7 +72,7 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
         "format": 1,
         "doubt": {"samples": 5 if "dropout" in file.name else 20, "seed": 1},
     }
-    assert {tuple(sorted(one)) for one in contents["members"]} == {("drivezoo", "state_dict")}
+    assert {tuple(sorted(member)) for member in contents["members"]} == {("drivezoo", "state_dict")}
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
 def test_a_command_that_needs_one_network_names_the_way(
     module: str, arguments: list[str], ensemble: Path, tmp_path: Path, recorded: object
 ) -> None:
-    words = [one.format(file=ensemble, recording=recorded.folder) for one in arguments]
+    words = [argument.format(file=ensemble, recording=recorded.folder) for argument in arguments]
     line = only_line(run_here(tmp_path, *words, module=module))
     assert f"{ensemble}: is a file of drivezoo doubt" in line
     assert "name a checkpoint that it was written from" in line
@@ -114,7 +114,7 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("words", "place", "remedy"),
+    ("words", "fault", "remedy"),
     [
         (["linear.ckpt"], "linear.ckpt: Linear has no dropout", "several checkpoints"),
         (["linear.ckpt", "copy.ckpt"], "copy.ckpt: is the same network", "training seeds"),
@@ -125,12 +125,12 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
         (["pilotnet.ckpt", "out=no/doubt.ckpt"], "out=no/doubt.ckpt", "name another"),
     ],
 )
-def test_wrong_input_is_one_line(words: list[str], place: str, remedy: str, tmp_path: Path) -> None:
+def test_wrong_input_is_one_line(words: list[str], fault: str, remedy: str, tmp_path: Path) -> None:
     write_pilotnet(tmp_path / "pilotnet.ckpt")
     shutil.copy(write_constant(tmp_path / "linear.ckpt", 0.1), tmp_path / "copy.ckpt")
     before = sorted(tmp_path.iterdir())
     line = only_line(run_here(tmp_path, *words, module="zoo.extras.research.doubt"))
-    assert place in line
+    assert fault in line
     assert remedy in line
     assert sorted(tmp_path.iterdir()) == before
 
@@ -138,15 +138,15 @@ def test_wrong_input_is_one_line(words: list[str], place: str, remedy: str, tmp_
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda one: one.update(members=[]), "members: holds 0"),
-        (lambda one: one["drivezoo"]["doubt"].update(samples=10**9), "samples"),
-        (lambda one: one["drivezoo"].update(format=2), "format version 2"),
+        (lambda contents: contents.update(members=[]), "members: holds 0"),
+        (lambda contents: contents["drivezoo"]["doubt"].update(samples=10**9), "samples"),
+        (lambda contents: contents["drivezoo"].update(format=2), "format version 2"),
         (
-            lambda one: one.update(members=[dict(one, members=[])]),
+            lambda contents: contents.update(members=[dict(contents, members=[])]),
             "member 1: is a file of drivezoo doubt",
         ),
-        (lambda one: one["members"][0]["state_dict"].popitem(), "member 1: lacks"),
-        (lambda one: one.update(members=["model"]), "member 1: is not a checkpoint"),
+        (lambda contents: contents["members"][0]["state_dict"].popitem(), "member 1: lacks"),
+        (lambda contents: contents.update(members=["model"]), "member 1: is not a checkpoint"),
     ],
 )
 def test_a_changed_file_is_one_line(spoil: Callable, words: str, dropout: Path) -> None:

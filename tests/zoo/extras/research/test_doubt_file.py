@@ -17,7 +17,7 @@ from zoo.extras.research.doubt_file import build_doubt, detect, doubt_contents
 
 @FEW_AND_MANY
 def test_a_damaged_file_is_named(count: int, tmp_path: Path) -> None:
-    members = [write_constant(tmp_path / f"{one}.ckpt", 0.1 * one) for one in (1, 2)]
+    members = [write_constant(tmp_path / f"{number}.ckpt", 0.1 * number) for number in (1, 2)]
     path = tmp_path / "x.ckpt"
     torch.save(doubt_contents(members, samples=2, seed=0), path)
 

@@ -46,8 +46,8 @@ class Ahead(Member):
 
 def test_the_command_is_the_mean_with_the_deviation_of_the_members() -> None:
     command = EnsemblePolicy([Member(0.1, 0.5), Member(0.3, 0.7)])(FRAME, 9.0)
-    found = (command.steering, command.throttle, command.spread)
-    assert found == pytest.approx((0.2, 0.6, 0.1))
+    values = (command.steering, command.throttle, command.spread)
+    assert values == pytest.approx((0.2, 0.6, 0.1))
     assert EnsemblePolicy([Member(0.1, 0.5), Member(0.3)])(FRAME, 9.0).throttle is None
     assert math.isnan(EnsemblePolicy([Member(math.nan), Member(0.3)])(FRAME, 9.0).steering)
 
@@ -102,9 +102,9 @@ def ensemble(folder: Path) -> Policy:
     return EnsemblePolicy([contract.of_model("action_chunk"), contract.of_model("lenet")])
 
 
-@pytest.mark.parametrize("made", [dropout, ensemble])
-def test_they_are_policies(made: Callable[[Path], Policy], tmp_path: Path) -> None:
-    policy = made(tmp_path)
+@pytest.mark.parametrize("maker", [dropout, ensemble])
+def test_they_are_policies(maker: Callable[[Path], Policy], tmp_path: Path) -> None:
+    policy = maker(tmp_path)
     contract.check_commands(policy)
     contract.check_facts(policy)
 
@@ -116,7 +116,7 @@ def test_an_ensemble_is_wrapped(tmp_path: Path) -> None:
 def test_they_compute_in_double_precision() -> None:
     pilotnet = engines.checkpoint_of("nvidia")
     engines.check_scored(DropoutPolicy(pilotnet, samples=3, seed=1))
-    members = [CheckpointPolicy(one) for one in (engines.checkpoint_of("lenet"), pilotnet)]
+    members = [CheckpointPolicy(network) for network in (engines.checkpoint_of("lenet"), pilotnet)]
     engines.check_scored(EnsemblePolicy(members))
 
 

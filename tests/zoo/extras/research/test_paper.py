@@ -28,11 +28,11 @@ pytestmark = pytest.mark.usefixtures("here")
 def write_entry(name: str, autonomy: float, seeds: int = 3, checkpoint: Path | None = None) -> None:
     rng = np.random.default_rng(1)
     drives = np.clip(figures(rng, autonomy, seeds, 0.01, np.zeros(len(ROADS))), 0, 1)
-    found = result(drives, name)
+    entry = result(drives, name)
     if checkpoint:
         digest = hashlib.sha256(checkpoint.read_bytes()).hexdigest()
-        found["checkpoints"][0] |= {"file": str(checkpoint), "sha256": digest}
-    write(Path("marks", name), found)
+        entry["checkpoints"][0] |= {"file": str(checkpoint), "sha256": digest}
+    write(Path("marks", name), entry)
 
 
 def rows(path: str) -> list[dict[str, str]]:
@@ -96,8 +96,8 @@ def test_checkpoints_beside_a_result_are_in_the_archive() -> None:
 
 
 def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
-    axis = [("geometry", f"bends_{level}:{place}", {}) for level in (1, 2) for place in range(4)]
-    axis += [("camera", f"bends_{level}:{place}", {}) for level in (1, 2, 3) for place in range(4)]
+    axis = [("geometry", f"bends_{level}:{road}", {}) for level in (1, 2) for road in range(4)]
+    axis += [("camera", f"bends_{level}:{road}", {}) for level in (1, 2, 3) for road in range(4)]
     failed = np.array([[0.0] * 4 + [1.0, 0, 0, 1] + [0.0] * 12] * 3)
     write(Path("marks/half"), of_levels(1 - failed, "half", axis))
     write(Path("marks/late"), of_levels(np.full_like(failed, 0.99), "late", axis))

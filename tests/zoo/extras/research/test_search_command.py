@@ -54,29 +54,29 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_mildest_failure_replays_to_the_frame(
     checkpoint: Path, tmp_path: Path, console: Console
 ) -> None:
-    found = tmp_path / "found=1"
-    files = (f"out={found}", f"table={tmp_path / 'features.csv'}")
+    folder = tmp_path / "found=1"
+    files = (f"out={folder}", f"table={tmp_path / 'features.csv'}")
     options = read_options(SearchOptions, [*SHORT, "budget=4", "workers=1", *files])
     result = search_and_report(str(checkpoint), options, console)
     with (tmp_path / "features.csv").open() as table:
-        rows = {one["feature"]: one for one in csv.DictReader(table)}
+        rows = {row["feature"]: row for row in csv.DictReader(table)}
     assert set(rows) == set(result["features"])
-    for name, one in rows.items():
-        assert float(one["usual"]) == result["features"][name]["usual"]
-    assert json.loads((found / "search.json").read_text()) == json.loads(json.dumps(result))
-    with Image.open(found / "map.png") as image:
+    for name, row in rows.items():
+        assert float(row["usual"]) == result["features"][name]["usual"]
+    assert json.loads((folder / "search.json").read_text()) == json.loads(json.dumps(result))
+    with Image.open(folder / "map.png") as image:
         assert min(image.size) > 300
-    assert result["failed"] == sum(one["failed"] for one in result["drives"]) > 0
+    assert result["failed"] == sum(drive["failed"] for drive in result["drives"]) > 0
     mildest = result["drives"][result["mildest"]["drive"]]
     assert float(rows["bend"]["mildest"]) == mildest["features"]["bend"]
-    failures = [one["distance_to_usual"] for one in result["drives"] if one["failed"]]
+    failures = [drive["distance_to_usual"] for drive in result["drives"] if drive["failed"]]
     assert mildest["distance_to_usual"] == min(failures)
 
     program, name, *arguments = result["mildest"]["command"]
     assert (program, name) == ("drivezoo", "evaluate")
     evaluate([*arguments, "workers=1", f"out={tmp_path / 'again'}"])
     again = read_drive(tmp_path / "again" / "mildest-0")
-    road, weather = (found / "mildest.yaml").read_text(), read_weather(mildest["weather"])
+    road, weather = (folder / "mildest.yaml").read_text(), read_weather(mildest["weather"])
     setting = {"weather": weather, "speed": options.speed, "quality": options.quality}
     scenario = Scenario(road=yaml.safe_load(road), **setting)
     (first,) = all_drives(str(checkpoint), [scenario], first_only=True)
@@ -123,7 +123,7 @@ def test_a_used_folder_is_refused(checkpoint: Path, tmp_path: Path) -> None:
     (tmp_path / "kept.txt").write_text("kept")
     result = run_here(tmp_path, str(checkpoint), f"out={tmp_path}", module=MODULE)
     assert "out=" in only_line(result, 1)
-    assert [one.name for one in tmp_path.iterdir()] == ["kept.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["kept.txt"]
 
 
 ALPINE = find_family("alpine")
@@ -134,7 +134,7 @@ def test_a_road_has_what_was_chosen(name: str) -> None:
     space = SearchSpace(find_family(name), 100.0, None)
     rng = np.random.default_rng(0)
     for share in (0.1, 0.5, 0.9):
-        parameters = {key: one.at(share) for key, one in space.parameters.items()}
+        parameters = {key: parameter.at(share) for key, parameter in space.parameters.items()}
         road = space.draw(rng, parameters)
         assert road is not None
         assert not road.track.closed
@@ -148,7 +148,7 @@ def test_a_road_has_what_was_chosen(name: str) -> None:
 def test_a_family_that_always_climbs_can_be_searched() -> None:
     climbing = ALPINE.model_copy(update={"grade": (0.05, 0.1)})
     space = SearchSpace(climbing, 100.0, CLEAR)
-    low = {key: one.low for key, one in space.parameters.items()}
+    low = {key: parameter.low for key, parameter in space.parameters.items()}
     road = space.draw(np.random.default_rng(0), low | {"radius": 30.0})
     assert road.features["grade"] == pytest.approx(5, abs=0.2)
 
@@ -197,7 +197,7 @@ def test_the_usual_road_is_the_mildest() -> None:
     usual = usual_features(space)
     assert feature_distance(usual, usual, space) == 0
     foggy, foggier = usual | {"fog": 0.3}, usual | {"fog": 0.6}
-    near, far = (feature_distance(one, usual, space) for one in (foggy, foggier))
+    near, far = (feature_distance(features, usual, space) for features in (foggy, foggier))
     assert 0 < near < far < 1
     assert sparseness([usual], space) is None
     assert sparseness([usual, foggy, foggier], space) == pytest.approx((far + near + far) / 3)
@@ -218,8 +218,8 @@ def options_of(*given: str) -> SearchOptions:
 def narrow_fails(chosen: list[Candidate]) -> list[Outcome]:
     """Fail on roads narrower than 5.4 m."""
     widths = [
-        min(width for _, width in one.content.get("widths", [[0, one.content["width"]]]))
-        for one in chosen
+        min(width for _, width in road.content.get("widths", [[0, road.content["width"]]]))
+        for road in chosen
     ]
     return [
         Outcome(width < 5.4, 30.0, 5.0, 1.0 if width < 5.4 else 5.4 / width, 0) for width in widths
@@ -230,9 +230,9 @@ def searched(options: SearchOptions) -> tuple[list[Driven], Archive]:
     space = options.space()
     archive = options.archive(space)
     batches: list[int] = []
-    found = search(options, space, archive, narrow_fails, lambda d: batches.append(len(d)))
+    drives = search(options, space, archive, narrow_fails, lambda d: batches.append(len(d)))
     assert batches == [*range(8, options.budget, 8), options.budget]
-    return found, archive
+    return drives, archive
 
 
 def test_the_archive_finds_more_failing_cells_than_random_drawing() -> None:
@@ -252,8 +252,8 @@ def test_a_seed_gives_the_same_search(sampler: str) -> None:
         pytest.importorskip("optuna")
     options = options_of("budget=20", f"sampler={sampler}", "seed=3")
     (first, archive), (second, _) = searched(options), searched(options)
-    assert [one.candidate.content for one in first] == [one.candidate.content for one in second]
-    assert [one.candidate.weather for one in first] == [CLEAR] * 20
+    assert [road.candidate.content for road in first] == [road.candidate.content for road in second]
+    assert [road.candidate.weather for road in first] == [CLEAR] * 20
     assert archive.driven.total() == 20
     other, _ = searched(options_of("budget=20", f"sampler={sampler}", "seed=4"))
     assert other[0].candidate.content != first[0].candidate.content
@@ -262,15 +262,15 @@ def test_a_seed_gives_the_same_search(sampler: str) -> None:
 def test_nsga2_evolves_towards_failures() -> None:
     pytest.importorskip("optuna")
     drives, _ = searched(options_of("budget=120", "sampler=nsga2", "seed=1"))
-    failed = [one.outcome.failed for one in drives]
+    failed = [drive.outcome.failed for drive in drives]
     assert sum(failed[-40:]) > sum(failed[:40])
 
 
 def test_the_familys_sampler_draws_from_its_whole_ranges() -> None:
     drives, _ = searched(options_of("budget=24", "sampler=family"))
-    for one in drives:
-        assert one.candidate.parameters["radius"] == one.candidate.features["bend"]
-    assert np.median([one.candidate.features["bend"] for one in drives]) < 25
+    for drive in drives:
+        assert drive.candidate.parameters["radius"] == drive.candidate.features["bend"]
+    assert np.median([drive.candidate.features["bend"] for drive in drives]) < 25
 
 
 def test_without_optuna_a_line_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
