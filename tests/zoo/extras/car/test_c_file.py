@@ -154,8 +154,8 @@ def test_weights_of_8_bits_steer_as_the_rounded_network(name: str, tmp_path: Pat
     checkpoint = checkpoint_of(name)
     small = rounded(checkpoint)
     assert difference(small, tmp_path, "int8") < 1e-6
-    for one, other in zip(checkpoint.network.parameters(), small.network.parameters(), strict=True):
-        assert (one - other).abs().max() <= one.abs().max() / 254 * 1.001
+    for full, byte in zip(checkpoint.network.parameters(), small.network.parameters(), strict=True):
+        assert (full - byte).abs().max() <= full.abs().max() / 254 * 1.001
     assert "int8_t weights_" in (tmp_path / "steer.c").read_text()
 
 
@@ -197,9 +197,9 @@ def test_a_card_cannot_leave_its_comment(tmp_path: Path) -> None:
     card = "a */ int evil; *\x01/ int evil; /* b\n*\\\n/ int evil;\n??/\n\x00\x1b é *\\/ int evil;"
     (tmp_path / "steer.h").write_text(c_header(checkpoint, "steer", card))
     words = [str(COMPILER), "-E", "-P", *STRICT, str(tmp_path / "steer.h")]
-    left = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    assert "evil" not in left
-    assert "float steer(" in left
+    code = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert "evil" not in code
+    assert "float steer(" in code
 
 
 def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path: Path) -> None:

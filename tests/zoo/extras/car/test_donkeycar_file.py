@@ -46,7 +46,7 @@ def pictures(frame: tuple[int, int] = FRAME) -> list[np.ndarray]:
     """Return smooth frames, uint8 [H, W, 3]."""
     rng = np.random.default_rng(0)
     small = rng.integers(0, 256, (8, 6, 8, 3), np.uint8)
-    return [cv2.resize(one, frame[::-1], interpolation=cv2.INTER_CUBIC) for one in small]
+    return [cv2.resize(image, frame[::-1], interpolation=cv2.INTER_CUBIC) for image in small]
 
 
 def difference(checkpoint: Checkpoint, folder: Path) -> float:
@@ -55,8 +55,8 @@ def difference(checkpoint: Checkpoint, folder: Path) -> float:
     path.write_bytes(donkeycar_bytes(checkpoint)[0])
     both = (CheckpointPolicy(checkpoint), donkeycar_policy(checkpoint, path))
     ours, theirs = (
-        np.array([one(frame, 0.0).steering for frame in pictures(checkpoint.view.frame)])
-        for one in both
+        np.array([policy(frame, 0.0).steering for frame in pictures(checkpoint.view.frame)])
+        for policy in both
     )
     assert ours.std() > 0
     return float(np.abs(ours - theirs).max() / ours.std())

@@ -71,7 +71,7 @@ def test_times_are_drawn_between_the_quantiles_of_a_profile(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("slow", "fast", "taken"),
+    ("slow", "fast", "pilot"),
     [
         ("TubWriter", "KerasLinear", "KerasLinear"),
         ("PiCamera", "TensorRTLinear", "TensorRTLinear"),
@@ -81,16 +81,16 @@ def test_times_are_drawn_between_the_quantiles_of_a_profile(tmp_path: Path) -> N
         ("TubWriter", "MyNet", "TubWriter"),
     ],
 )
-def test_the_pilot_is_found_by_its_name(tmp_path: Path, slow: str, fast: str, taken: str) -> None:
+def test_the_pilot_is_found_by_its_name(tmp_path: Path, slow: str, fast: str, pilot: str) -> None:
     table = PROFILE.replace("    Pilot    ", f" {slow} ").replace("   PiCamera  ", f" {fast} ")
     times = read_loop_times(written(tmp_path, table), rate=20)
-    assert f": {taken} (" in times.words
-    assert ("part=NAME" in times.words) == (taken == "TubWriter"), "a guess is said"
+    assert f": {pilot} (" in times.words
+    assert ("part=NAME" in times.words) == (pilot == "TubWriter"), "a guess is said"
 
 
 def test_a_drive_holds_its_own_times(tmp_path: Path) -> None:
     seconds = [0.0, 0.1, 0.3, 20.0, 20.1]  # between the third and the fourth the client paused
-    rows = [DriveRow(time_s=one, steering=0.0, latency_ms=5.0 + one) for one in seconds]
+    rows = [DriveRow(time_s=second, steering=0.0, latency_ms=5.0 + second) for second in seconds]
     write_drive(tmp_path, Drive.of(rows))
     times = read_loop_times(str(tmp_path), rate=20)
     assert times.loop_ms.round().tolist() == [100, 200, 100]
@@ -98,10 +98,10 @@ def test_a_drive_holds_its_own_times(tmp_path: Path) -> None:
 
 
 def test_an_improvement_changes_one_property(tmp_path: Path) -> None:
-    found = read_loop_times(written(tmp_path, "100\n200\n"), rate=20).improved()
-    assert found["half the delay"].loop == ((0.1, 0.05), (0.2, 0.1))
-    assert found["twice the frame rate"].loop == ((0.05, 0.1), (0.1, 0.2))
-    assert found["no jitter"].loop == ((0.15, 0.15),) * 2
+    improvements = read_loop_times(written(tmp_path, "100\n200\n"), rate=20).improved()
+    assert improvements["half the delay"].loop == ((0.1, 0.05), (0.2, 0.1))
+    assert improvements["twice the frame rate"].loop == ((0.05, 0.1), (0.1, 0.2))
+    assert improvements["no jitter"].loop == ((0.15, 0.15),) * 2
     lossy = read_loop_times(written(tmp_path, "100\nlost\n200\n"), rate=10).improved()
     assert set(lossy["no jitter"].latency_ms) == {150}
     steady = read_loop_times(written(tmp_path, "100\n100\n"), rate=20)

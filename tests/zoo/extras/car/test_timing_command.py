@@ -29,8 +29,8 @@ def test_the_highest_clean_speed_is_found_by_bisection(monkeypatch: pytest.Monke
 
     def drives(checkpoint: str, scenarios: Sequence[Scenario], **_: object) -> list:
         driven.extend(scenarios)
-        failed = [np.array([one.speed > limits[one.seed]]) for one in scenarios]
-        return [SimpleNamespace(intervention=one) for one in failed]
+        failed = [np.array([scenario.speed > limits[scenario.seed]]) for scenario in scenarios]
+        return [SimpleNamespace(intervention=intervention) for intervention in failed]
 
     monkeypatch.setattr(highest_speed, "all_drives", drives)
     scenarios = [Scenario(seed=seed) for seed in limits]
@@ -40,14 +40,14 @@ def test_the_highest_clean_speed_is_found_by_bisection(monkeypatch: pytest.Monke
 
 def test_only_a_sure_improvement_is_advised() -> None:
     measured = [10, 11, 12, 13, 14, 15, 16, 17]
-    better = [one + 4 for one in measured]
+    better = [speed + 4 for speed in measured]
     unsure = [30, 11, 12, 13, 14, 15, 16, 16]
-    found = timing_of(
+    timing = timing_of(
         {MEASURED: measured, "half the delay": better, "no jitter": unsure, "both": better}
     )
-    assert "half the delay, +4 (+4 to +4) mph" in found.advice
-    assert "13.5 (10 to 17) mph" in found.lines[0]
-    assert "up to 10 mph on each" in found.lines[0]
+    assert "half the delay, +4 (+4 to +4) mph" in timing.advice
+    assert "13.5 (10 to 17) mph" in timing.lines[0]
+    assert "up to 10 mph on each" in timing.lines[0]
     unsurely = timing_of({MEASURED: measured, "no jitter": unsure, "both": better})
     assert "no single improvement" in unsurely.advice
     assert "nothing to improve" in timing_of({MEASURED: [30] * 8, "both": [30] * 8}).advice
@@ -71,10 +71,10 @@ def test_a_search_writes_figures_and_plot(tmp_path: Path, monkeypatch: pytest.Mo
     )
     assert printed.count("2 times, of which 1 lost") == 1
     assert printed.index("2 times, of which 1 lost") < printed.index("less than 29 mph")
-    found = json.loads((tmp_path / "found" / "timing.json").read_text())
-    assert found["speeds_mph"][MEASURED] == [28] * 6
-    assert set(found["speeds_mph"]) > {"no lost frames", "both"}
-    assert "less than 29 mph" in found["lines"][0]
+    figures = json.loads((tmp_path / "found" / "timing.json").read_text())
+    assert figures["speeds_mph"][MEASURED] == [28] * 6
+    assert set(figures["speeds_mph"]) > {"no lost frames", "both"}
+    assert "less than 29 mph" in figures["lines"][0]
     with Image.open(tmp_path / "found" / "timing.png") as image:
         assert min(image.size) > 300
 

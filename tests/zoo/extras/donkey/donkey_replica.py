@@ -24,10 +24,10 @@ ANSWERS = {
 def telemetry(number: int, size: tuple[int, int] = (120, 160)) -> dict:
     """Return the telemetry of a car that stands."""
     jpeg = cv2.imencode(".jpg", np.full((*size, 3), 90, np.uint8))[1].tobytes()
-    place = dict.fromkeys(("pos_x", "pos_y", "pos_z", "cte", "steering_angle"), 0.0)
-    place |= {"activeNode": number, "totalNodes": 100}
+    state = dict.fromkeys(("pos_x", "pos_y", "pos_z", "cte", "steering_angle"), 0.0)
+    state |= {"activeNode": number, "totalNodes": 100}
     image = base64.b64encode(jpeg).decode()
-    return {"msg_type": "telemetry", "time": number / 20, "speed": 1, "image": image, **place}
+    return {"msg_type": "telemetry", "time": number / 20, "speed": 1, "image": image, **state}
 
 
 @contextmanager
@@ -49,7 +49,7 @@ def donkey_replica(
         number, text = 0, ""
 
         def send(*messages: dict) -> None:
-            connection.sendall(b"".join(json.dumps(one).encode() + b"\n" for one in messages))
+            connection.sendall(b"".join(json.dumps(packet).encode() + b"\n" for packet in messages))
 
         with connection, suppress(OSError):  # the client has left
             send({"msg_type": "scene_selection_ready"})

@@ -52,7 +52,7 @@ def test_a_failing_simulator_leaves_a_line_and_the_drive(tmp_path: Path, put_bac
     assert f"{address}: the simulator failed: its frames changed" in line
     record = read_drive(tmp_path / "drive")
     assert record.summary["interventions"] == record.summary["off_road"] >= 1
-    assert put_back == ("set_position" in {one["msg_type"] for one in received})
+    assert put_back == ("set_position" in {message["msg_type"] for message in received})
 
 
 def test_two_simulators_at_once_are_refused(tmp_path: Path) -> None:

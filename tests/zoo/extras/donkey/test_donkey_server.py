@@ -134,7 +134,7 @@ def test_the_same_controls_give_the_same_frames(notes: list[str]) -> None:
         seen.append([drive(session, 1, steering=0.1, throttle=0.4) for _ in range(5)])
         session.close()
     assert seen[0] == seen[1]
-    assert [round(one["time"], 6) for one in seen[0]] == [0.1, 0.2, 0.3, 0.4, 0.5]
+    assert [round(telemetry["time"], 6) for telemetry in seen[0]] == [0.1, 0.2, 0.3, 0.4, 0.5]
 
 
 def test_a_client_chooses_when_the_world_waits(notes: list[str]) -> None:
@@ -255,8 +255,8 @@ def test_a_node_is_a_place_to_put_the_car(session: DonkeySession) -> None:
     put_on_node(session, 40)
     telemetry = drive(session, 1)
     (node,) = say(session, "node_position", index=40)
-    for place in ("pos_x", "pos_y", "pos_z"):
-        assert telemetry[place] == pytest.approx(node[place], abs=0.3), place
+    for key in ("pos_x", "pos_y", "pos_z"):
+        assert telemetry[key] == pytest.approx(node[key], abs=0.3), key
     assert telemetry["activeNode"] == 40
     assert telemetry["cte"] == pytest.approx(0, abs=0.05)
     assert session.world.place.distance == pytest.approx(40 * NODE_M, abs=0.1)
@@ -265,7 +265,7 @@ def test_a_node_is_a_place_to_put_the_car(session: DonkeySession) -> None:
 
 
 def crossings(session: DonkeySession, steps: int, **values: float) -> int:
-    kinds = [one["msg_type"] for _ in range(steps) for one in session.answer(control(**values))]
+    kinds = [reply["msg_type"] for _ in range(steps) for reply in session.answer(control(**values))]
     return kinds.count("collision_with_starting_line")
 
 
@@ -296,8 +296,8 @@ def test_objects_come_in_pieces_and_together() -> None:
     sent = [control(), {"car_name": 'a } " \\ {', "more": {"in": "}"}}, control()]
     data = "".join(map(json.dumps, sent)).encode()
     for size in (1, 7, len(data)):
-        pieces = [data[place : place + size] for place in range(0, len(data), size)]
-        assert [one for piece in pieces for one in stream.split(piece)] == sent
+        pieces = [data[start : start + size] for start in range(0, len(data), size)]
+        assert [message for piece in pieces for message in stream.split(piece)] == sent
 
 
 @pytest.mark.parametrize(

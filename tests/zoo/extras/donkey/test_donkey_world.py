@@ -60,8 +60,8 @@ def test_numbers_may_have_a_decimal_comma() -> None:
 def test_a_negative_throttle_brakes_and_a_car_that_is_left_stands() -> None:
     with donkey_replica(lambda number, message: message) as (address, received):
         step_through(address)
-    controls = [one for one in received if one["msg_type"] == "control"]
-    pedals = [(float(one["throttle"]), float(one["brake"])) for one in controls]
+    controls = [message for message in received if message["msg_type"] == "control"]
+    pedals = [(float(control["throttle"]), float(control["brake"])) for control in controls]
     assert (0.2, 0.0) in pedals
     assert (0.0, 0.3) in pedals
     assert pedals[-1] == (0.0, 1.0)

@@ -49,13 +49,13 @@ def maxitwo(road: str, throttle: str = "1.0") -> Callable:
 
 def gym(*orders: str) -> Callable:
     """Return the replies of udacity-gym's driver: an action, and orders to the first telemetry."""
-    left = list(orders)
+    orders_left = list(orders)
 
     def reply(name: str, _: dict) -> Iterator[str]:
         assert name == "car_telemetry"
         yield event("action", {"steering_angle": "0.0", "throttle": "1.0"})
-        yield from left
-        left.clear()
+        yield from orders_left
+        orders_left.clear()
 
     return reply
 
@@ -67,15 +67,15 @@ def start(track: str, weather: str = "sunny") -> str:
 
 def test_maxitwo_drives_the_road_of_its_string_and_begins_again_after_the_end() -> None:
     sent, client, printed = drive("maxitwo", maxitwo(STRAIGHT), seconds=7.0, frame_rate=5)
-    own = [data for _, data in sent if data["track"] == STRAIGHT]
-    first = own[0]
+    telemetry = [data for _, data in sent if data["track"] == STRAIGHT]
+    first = telemetry[0]
     assert (float(first["pos_x"]), float(first["pos_y"])) == pytest.approx((10, 1.9), abs=0.01)
     assert float(first["pos_z"]) == pytest.approx(5, abs=0.01)
     assert first["cte"] == first["cte_pid"] == "0.0000"
-    ends = [number for number, data in enumerate(own) if data["hit"] == "end_line_collider"]
-    assert float(own[ends[0]]["pos_z"]) == pytest.approx(31, abs=2)
-    assert own[ends[0] + 1]["hit"] == "none"
-    assert float(own[ends[0] + 1]["pos_z"]) == pytest.approx(5, abs=0.01)
+    ends = [number for number, data in enumerate(telemetry) if data["hit"] == "end_line_collider"]
+    assert float(telemetry[ends[0]]["pos_z"]) == pytest.approx(31, abs=2)
+    assert telemetry[ends[0] + 1]["hit"] == "none"
+    assert float(telemetry[ends[0] + 1]["pos_z"]) == pytest.approx(5, abs=0.01)
     assert client.counts["episodes"] > 1
     assert f"{client.counts['episodes']} episodes in 7.0 s" in printed
 

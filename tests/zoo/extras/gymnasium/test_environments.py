@@ -127,8 +127,8 @@ def test_no_cross_track_error_leaves_the_autonomy_unmeasured() -> None:
     figures = measure(driven)
     assert np.isnan(figures["autonomy"])
     assert figures["episode_return"] == 8
-    known = {key: None if np.isnan(value) else value for key, value in figures.items()}
-    pooled = mean_and_spread([known])
+    summary = {key: None if np.isnan(value) else value for key, value in figures.items()}
+    pooled = mean_and_spread([summary])
     assert "drives_without_intervention" not in pooled
     assert how_well(pooled) == "autonomy not measured, return 8.0"
 
@@ -153,8 +153,8 @@ def test_an_intervention_begins_another_episode_of_the_same_drive() -> None:
     assert driven.intervention.sum() == 3, "the wall, once in each episode"
     assert measure(driven)["autonomy"] == 0
     assert driven.episode_return == 30 / 4
-    left, _ = straight(MAPPED + ROAD, steering=1.0)
-    assert abs(left.cross_track_m[left.intervention]).min() > 2, "half of the width"
+    turn, _ = straight(MAPPED + ROAD, steering=1.0)
+    assert abs(turn.cross_track_m[turn.intervention]).min() > 2, "half of the width"
 
 
 def test_an_episode_that_ends_off_the_road_is_an_intervention_at_any_margin() -> None:
@@ -256,9 +256,9 @@ def test_a_known_environment_is_mapped(name: str) -> None:
 
 def test_a_file_for_a_known_environment_replaces_the_keys_that_it_has() -> None:
     Path("own.yaml").write_text("env: CarRacing-v3\nseconds: 5\n")
-    own, _ = find_environment("own.yaml")
-    known, _ = find_environment("CarRacing-v3")
-    assert own == known.model_copy(update={"seconds": 5.0})
+    environment, _ = find_environment("own.yaml")
+    packaged, _ = find_environment("CarRacing-v3")
+    assert environment == packaged.model_copy(update={"seconds": 5.0})
 
 
 @pytest.fixture

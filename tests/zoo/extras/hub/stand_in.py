@@ -69,8 +69,8 @@ class Handler(BaseHTTPRequestHandler):
         assert branch == "main"
         if action == "preupload":
             files = [
-                {"path": one["path"], "uploadMode": "regular", "shouldIgnore": False}
-                for one in json.loads(body)["files"]
+                {"path": file["path"], "uploadMode": "regular", "shouldIgnore": False}
+                for file in json.loads(body)["files"]
             ]
             return self._answer({"files": files})
         assert action == "commit"
@@ -83,13 +83,13 @@ class Handler(BaseHTTPRequestHandler):
         return self._answer({"commitUrl": commit, "commitOid": "0" * 40})
 
     def _siblings(self, files: dict[str, bytes]) -> list[dict]:
-        found = []
+        siblings = []
         for name, data in files.items():
             digest = self.server.listed_hashes.get(name, hashlib.sha256(data).hexdigest())
             lfs = {"sha256": digest, "size": len(data), "pointerSize": 100}
             size = self.server.announced.get(name, len(data))
-            found.append({"rfilename": name, "size": size, "blobId": "0" * 40, "lfs": lfs})
-        return found
+            siblings.append({"rfilename": name, "size": size, "blobId": "0" * 40, "lfs": lfs})
+        return siblings
 
     def _note(self) -> str:
         path = urlsplit(self.path).path

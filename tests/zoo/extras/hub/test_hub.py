@@ -27,12 +27,12 @@ PLACE = "outputs/hub/ann/tiny"
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StandIn]:
-    with serving() as found:
-        monkeypatch.setenv("HF_ENDPOINT", found.url)
+    with serving() as stand_in:
+        monkeypatch.setenv("HF_ENDPOINT", stand_in.url)
         monkeypatch.setenv("HF_HOME", str(tmp_path / "hf"))
         monkeypatch.setenv("HF_TOKEN", "hf_of_ann")
         monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-        yield found
+        yield stand_in
 
 
 def hub(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -212,8 +212,8 @@ def test_a_folder_of_the_repository_s_name_is_not_guessed(ran: Path, tmp_path: P
 
 @given(mutated_bytes(b"---\nlicense: mit\n---\n| `x.ckpt` | SHA-256 `" + b"0" * 64 + b"` |\n"))
 def test_a_damaged_card_of_the_hub_has_a_hash_or_none(data: bytes) -> None:
-    found = described_hash(data.decode(errors="replace"))
-    assert found is None or len(found) == 64
+    digest = described_hash(data.decode(errors="replace"))
+    assert digest is None or len(digest) == 64
 
 
 def test_a_card_suggests_no_track_for_another_cars_network(tmp_path: Path) -> None:
