@@ -251,6 +251,11 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         best = "max" if monitor in ("drive/autonomy", "drive/score") else "min"
         if monitor.startswith(DROVE) and getattr(callback, "mode", best) != best:
             raise InputError(f"{what}, of which the {best} is best; set its mode={best} too")
+    if no_rows and str((config.schedule or {}).get("_target_")).endswith("ReduceLROnPlateau"):
+        raise InputError(
+            f"schedule=plateau follows val/mse, but {no_rows} leaves no validation rows; set "
+            "another number, or schedule=constant"
+        )
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.get("logger") or {}).items():
         if settings:

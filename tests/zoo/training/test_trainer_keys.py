@@ -38,7 +38,7 @@ def test_a_run_ends_whole_however_rare_validations_are(
     keys: str, epochs: int, best: str, train, tmp_path: Path
 ) -> None:
     printed = train("callbacks=early_stopping", "trainer.max_epochs=2", *keys.split())
-    (line,) = [one for one in printed.splitlines() if one.startswith("best.ckpt is of epoch")]
+    (line,) = [text for text in printed.splitlines() if text.startswith("best.ckpt is of epoch")]
     assert best in line
     assert Run(tmp_path / "run").metrics["epochs"] == epochs
     for name in ("best", "last"):
@@ -64,6 +64,9 @@ def test_a_trial_run_writes_no_checkpoint(train, tmp_path: Path) -> None:
     assert not list(tmp_path.glob("run/checkpoints/*"))
 
 
+OWN_MONITOR = "callbacks.early_stopping=null callbacks.best.monitor=train/loss"
+
+
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
@@ -72,6 +75,7 @@ def test_a_trial_run_writes_no_checkpoint(train, tmp_path: Path) -> None:
         ("trainer.default_root_dir=x", "type hydra.run.dir=FOLDER"),
         ("trainer.overfit_batches=2", "type trainer.limit_train_batches=N"),
         ("trainer.limit_val_batches=0", "trainer.limit_val_batches=0 leaves no validation rows"),
+        (f"trainer.limit_val_batches=0 schedule=plateau {OWN_MONITOR}", "or schedule=constant"),
         ("trainer.limit_val_batches=0.5", "limit_val_batches=1.0"),
         ("trainer.val_check_interval=1000", "trainer: `val_check_interval` (1000) must be less"),
         ("trainer.accumulate_grad_batches=0", "a whole number of 1 or more"),
