@@ -99,10 +99,10 @@ def test_a_round_leaves_its_recording_run_checkpoint_and_score(corrected: Path) 
     assert all(path is not None for path in recording.images.flat), "three cameras"
     config = load_checkpoint(after["checkpoint"]).config
     assert config["trainer"]["max_epochs"] == config["schedule"]["T_max"] == 1
-    for one in (before, after):
-        assert set(one["tracks"]) == {"lake"}
-        assert len(one["tracks"]["lake"]["autonomy"]) == 2
-        assert (corrected / f"round-{one['number']}" / "drives" / "lake-0" / "drive.csv").is_file()
+    for row in (before, after):
+        assert set(row["tracks"]) == {"lake"}
+        assert len(row["tracks"]["lake"]["autonomy"]) == 2
+        assert (corrected / f"round-{row['number']}" / "drives" / "lake-0" / "drive.csv").is_file()
     run_folder = corrected / "round-1" / "run"
     assert json.loads((run_folder / "metrics.json").read_text())["drive"] is None
     assert (run_folder / ".hydra" / "config.yaml").is_file()
@@ -115,9 +115,9 @@ def test_a_round_starts_from_the_checkpoints_weights_and_split(
     assert config["data"]["root"] == [str(recorded.folder), f"{corrected}/round-1/recording"]
     assert config["data"]["weights"] == [1.0, 4.0]
     assert config["model"]["weights"] == checkpoint
-    own = load_checkpoint(checkpoint).config
+    start = load_checkpoint(checkpoint).config
     for key in ("optim", "augment"):
-        assert config.get(key) == own.get(key)
+        assert config.get(key) == start.get(key)
 
     def parts(path: Path) -> dict[str, str]:
         with path.open(newline="") as file:
@@ -152,7 +152,7 @@ def test_a_command_resumes_after_a_round(corrected: Path, checkpoint: str, tmp_p
     printed = succeed(run_here(tmp_path, checkpoint, *options, module=MODULE))
     assert "after round 0" in printed
     assert first.stat().st_mtime_ns == trained, "it was trained twice"
-    assert [one["number"] for one in rounds_of(folder)] == [0, 1, 2]
+    assert [row["number"] for row in rounds_of(folder)] == [0, 1, 2]
     again = rounds_of(folder)[1]
     for figure in ("autonomy", "cte_mean_m"):
         assert again["tracks"]["lake"][figure] == whole[1]["tracks"]["lake"][figure]

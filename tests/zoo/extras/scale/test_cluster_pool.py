@@ -21,8 +21,8 @@ def checkpoint(here: Path) -> str:
 
 def assert_same(path: str, executor: str) -> None:
     here, there = (all_drives(path, SCENARIOS, executor=name) for name in ("processes", executor))
-    for one, other in zip(here, there, strict=True):
-        np.testing.assert_array_equal(one.cross_track_m, other.cross_track_m)
+    for drive, other in zip(here, there, strict=True):
+        np.testing.assert_array_equal(drive.cross_track_m, other.cross_track_m)
     with pytest.raises(InputError, match=r"^seed=-1: "):
         all_drives(path, [Scenario("lake", seed=-1)], executor=executor)
 

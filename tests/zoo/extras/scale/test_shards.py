@@ -66,13 +66,11 @@ class Handler(http.server.BaseHTTPRequestHandler):
 
     do_HEAD = do_GET  # noqa: N815
 
-    def send_head(self, status: int, length: int, place: tuple[int, int] = (0, 0)) -> None:
+    def send_head(self, status: int, length: int, span: tuple[int, int] = (0, 0)) -> None:
         self.send_response(status)
         self.send_header("Content-Length", str(length))
         if status == 206:
-            self.send_header(
-                "Content-Range", f"bytes {place[0]}-{place[0] + length - 1}/{place[1]}"
-            )
+            self.send_header("Content-Range", f"bytes {span[0]}-{span[0] + length - 1}/{span[1]}")
         self.send_header("ETag", '"1"')
         self.end_headers()
 
@@ -118,7 +116,7 @@ def batches(data: DrivingData, epoch: int = 0) -> list[np.ndarray]:
 
 
 def cached(cache: Path) -> int:
-    return sum(one.stat().st_size for one in cache.rglob("*.bin"))
+    return sum(path.stat().st_size for path in cache.rglob("*.bin"))
 
 
 def test_images_come_back_as_they_were_stored(source: Written, shards: Path) -> None:
@@ -235,9 +233,9 @@ def test_an_epoch_fetches_a_shard_once(shards: Path, server: Server, tmp_path: P
     data = loaded("s3://bucket/shards", tmp_path / "cache")
     server.asked.clear()
     batches(data)
-    used = {data.views.shards[one].file for one in np.unique(data.sampler().balance["shard"])}
-    fetched = [one for one in server.asked if one.endswith(".bin")]
-    assert {Path(one).name for one in used} <= set(fetched)
+    used = {data.views.shards[number].file for number in np.unique(data.sampler().balance["shard"])}
+    fetched = [name for name in server.asked if name.endswith(".bin")]
+    assert {Path(file).name for file in used} <= set(fetched)
     # A window's cap may draw from another; HEAD and GET are two requests.
     assert len(fetched) < 2 * 1.3 * len(used)
 
@@ -258,8 +256,8 @@ def test_processes_walk_over_windows_of_their_own(shards: Path, world: int) -> N
     assert sorted(np.concatenate(whole).tolist()) == list(range(3 * ROWS))
     window = shard_windows(shard, 2, 1, 0)
     for rank in range(world):
-        own = [batch[share_of(len(batch), rank, world)] for batch in whole]
-        walked = window[np.concatenate(own)]
+        shares = [batch[share_of(len(batch), rank, world)] for batch in whole]
+        walked = window[np.concatenate(shares)]
         assert (np.diff(walked) >= 0).all(), "never back to an earlier window"
         assert len(np.unique(walked)) <= len(np.unique(window)) // world + 2
 

@@ -35,9 +35,9 @@ def first_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = optuna.create_study(
         storage=f"sqlite:///{path}", study_name="drivezoo", direction="minimize"
     )
-    known = {"params": {"optim.lr": 1e-3}, "distributions": {"optim.lr": RATES}}
+    settings = {"params": {"optim.lr": 1e-3}, "distributions": {"optim.lr": RATES}}
     losses = {"value": 0.0, "intermediate_values": {0: 0.0, 1: 0.0}}
-    study.add_trials([optuna.trial.create_trial(**known, **losses) for _ in range(2)])
+    study.add_trials([optuna.trial.create_trial(**settings, **losses) for _ in range(2)])
     return path
 
 
@@ -68,20 +68,20 @@ def test_a_trial_that_others_beat_is_pruned(recorded: Written, study: "optuna.St
 
 
 def test_a_trial_of_a_killed_process_is_resumed(recorded: Written, study: "optuna.Study") -> None:
-    left = study.ask({"optim.lr": RATES})
-    left.set_user_attr("folder", str(Path("s").resolve()))
+    trial = study.ask({"optim.lr": RATES})
+    trial.set_user_attr("folder", str(Path("s").resolve()))
     study.ask({"optim.lr": RATES}).set_user_attr("folder", "/another/machine")
 
     succeed(search(recorded, "hydra.sweeper.n_trials=4", "hydra.sweeper.pruner=none"))
 
-    states = [one.state.name for one in study.get_trials()]
+    states = [entry.state.name for entry in study.get_trials()]
     assert states == ["COMPLETE", "COMPLETE", "COMPLETE", "RUNNING"]
     (lr,) = [
         line
         for line in Path("s/2/.hydra/overrides.yaml").read_text().splitlines()
         if "optim.lr" in line
     ]
-    assert lr == f"- optim.lr={left.params['optim.lr']}", "with its own values"
+    assert lr == f"- optim.lr={trial.params['optim.lr']}", "with its own values"
 
 
 def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(tmp_path: Path) -> None:
@@ -131,4 +131,4 @@ def test_bad_input_gets_one_line(
 ) -> None:
     monkeypatch.setattr("zoo.extras.scale.sweep_search.ATTEMPTS", 1)
     assert words in only_line(search(recorded, override))
-    assert {one.name for one in Path.cwd().iterdir()} <= {"study.db"}
+    assert {path.name for path in Path.cwd().iterdir()} <= {"study.db"}

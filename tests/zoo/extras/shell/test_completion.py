@@ -54,7 +54,7 @@ def completed(script: Path, line: str, cwd: Path) -> list[str]:
 def test_commands_are_completed(script: Path, tmp_path: Path) -> None:
     assert completed(script, "drivezoo eva", tmp_path) == ["evaluate "]
     offered = completed(script, "drivezoo ", tmp_path)
-    assert {f"{one} " for one in commands()} <= set(offered)
+    assert {f"{command} " for command in commands()} <= set(offered)
     assert "tracks " in offered
 
 

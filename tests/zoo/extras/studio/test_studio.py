@@ -121,7 +121,7 @@ def test_an_editor_keeps_and_prints_its_edits(here: Path, capsys: pytest.Capture
 
 
 @pytest.mark.parametrize(
-    ("step", "named"),
+    ("step", "words"),
     [
         ({"step": "check", "folder": "missing"}, "missing: no such folder"),
         ({"step": "edit", "folder": "~nobodyx/drives"}, "~nobodyx/drives: no such folder"),
@@ -137,10 +137,10 @@ def test_an_editor_keeps_and_prints_its_edits(here: Path, capsys: pytest.Capture
         ({"step": "watch", "first": ""}, "network"),
     ],
 )
-def test_a_field_is_checked_before_it_is_a_command(studio: Served, step: dict, named: str) -> None:
+def test_a_field_is_checked_before_it_is_a_command(studio: Served, step: dict, words: str) -> None:
     status, answer = studio.post(line=step)
     assert status == 400
-    assert named in answer["error"]
+    assert words in answer["error"]
 
 
 def test_another_site_cannot_use_it(studio: Served) -> None:
