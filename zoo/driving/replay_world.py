@@ -182,8 +182,7 @@ class ReplayWorld(World):
         margin_m = scenario.margin
         if margin_m is not None and not 0 < margin_m <= GREATEST_MARGIN_M:
             raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
-        self.row, self.now_s = 0, 0.0
-        self.car, self.metres = VirtualCar(self.rig), 0.0
+        self.row, self.now_s, self.metres, self.car = 0, 0.0, 0.0, VirtualCar(self.rig)
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray:
@@ -261,14 +260,16 @@ class ReplayWorld(World):
 
 
 def with_speed(recording: Recording, speed_mph: float | None = None) -> Recording:
-    """Return the recording, driven at a given speed in each row.
+    """Return the recording, driven at a given speed where it holds none, or else in each row.
 
     Raises:
         InputError: `speed_mph` is None and a recording's speed is 0 in each row, as in a tub of a
             car without an odometer: nothing would be driven.
     """
     if speed_mph is not None:
-        return replace(recording, speed_mph=np.full(len(recording), speed_mph))
+        moves = np.isin(recording.recording, recording.recording[recording.speed_mph != 0])
+        driven_mph = np.where(moves & ~moves.all(), recording.speed_mph, speed_mph)
+        return replace(recording, speed_mph=driven_mph)
     if still := recording.without_speed:
         raise InputError(
             f"{still[0]}: its speed is 0 mph in each row, so that nothing would be driven; add "

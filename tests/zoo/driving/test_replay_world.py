@@ -173,6 +173,14 @@ def test_without_speed_nothing_is_driven_until_one_is_given(recording):
     assert figures["speed_mph"] == 9.0
 
 
+def test_a_recording_that_holds_its_speed_keeps_it_beside_one_without(recording):
+    second = np.arange(ROWS) >= ROWS // 2
+    mph = np.where(second, 0.0, recording.speed_mph)
+    mixed = replace(recording, names=("a", "b"), recording=second.astype(int), speed_mph=mph)
+    replayed = ReplayWorld(mixed, speed_mph=9.0).recording.speed_mph
+    assert replayed.tolist() == np.where(second, 9.0, mph).tolist()
+
+
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
