@@ -171,7 +171,7 @@ def test_keys_drive_in_a_browser(tmp_path, begin):
         ("seconds=-1", "seconds=-1: must be a number of 0 or more"),
         ("out=held", "held: has a driving_log.csv already; give another folder with out="),
     ],
-    ids=lambda one: one.partition(":")[0],
+    ids=lambda text: text.partition(":")[0],
 )
 def test_a_mistake_is_one_line(here, argument, words, capsys):
     (here / "held").mkdir()

@@ -90,13 +90,13 @@ print(env.reset(seed=0)[1]["lap"])
 
 
 def test_the_image_is_the_centre_camera_and_the_others_come_on_request(opened):
-    one, _ = opened().reset(seed=1)
+    obs, _ = opened().reset(seed=1)
     env = opened(cameras="all")
-    three, _ = env.reset(seed=1)
-    assert set(one) == {"image", "speed"}
-    assert set(three) == {"image", "left", "right", "speed"}
-    assert np.array_equal(one["image"], three["image"])
-    assert np.array_equal(three["left"], env.world.frame("left"))
+    all_obs, _ = env.reset(seed=1)
+    assert set(obs) == {"image", "speed"}
+    assert set(all_obs) == {"image", "left", "right", "speed"}
+    assert np.array_equal(obs["image"], all_obs["image"])
+    assert np.array_equal(all_obs["left"], env.world.frame("left"))
 
 
 def test_the_same_seed_and_actions_give_the_same_frames_to_the_bit(opened):

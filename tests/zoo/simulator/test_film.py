@@ -23,8 +23,8 @@ def write(path: Path, *frames: np.ndarray) -> Path:
 
 def read(path: Path) -> list[np.ndarray]:
     video, frames = cv2.VideoCapture(str(path)), []
-    while (found := video.read())[0]:
-        frames.append(cv2.cvtColor(found[1], cv2.COLOR_BGR2RGB))
+    while (result := video.read())[0]:
+        frames.append(cv2.cvtColor(result[1], cv2.COLOR_BGR2RGB))
     return frames
 
 

@@ -32,8 +32,8 @@ def listen(client: LegacySocket, wanted: int, patience_s: float = 2.0) -> list[t
 
 def answers_to_ping(*replies: str | bytes):
     """Return a driver's function that answers only the first ping, with these replies."""
-    left = [replies]
-    return lambda text: left.pop() if text == "2" and left else []
+    pending = [replies]
+    return lambda text: pending.pop() if text == "2" and pending else []
 
 
 def test_telemetry_is_17_fragments_or_so_of_1016_bytes_and_a_rest() -> None:
@@ -120,8 +120,8 @@ def test_a_driver_that_disconnects_is_a_connection_error(goodbye: bytes | None) 
 
 
 def test_a_closed_port_is_an_os_error() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
     with pytest.raises(OSError, match="refused"):
         LegacySocket(f"http://127.0.0.1:{port}")
 

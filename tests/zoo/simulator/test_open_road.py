@@ -96,9 +96,9 @@ def test_random_starts_leave_road_ahead(way):
     world = World(ROAD, direction=way)
     rng = np.random.default_rng(1)
     ahead = [world.draw_distance(rng) for _ in range(200)]
-    left = [ROAD.length - one if way > 0 else one for one in ahead]
-    assert min(left) >= 100
-    assert max(left) > 0.9 * ROAD.length
+    remaining = [ROAD.length - distance if way > 0 else distance for distance in ahead]
+    assert min(remaining) >= 100
+    assert max(remaining) > 0.9 * ROAD.length
 
 
 @both_ways

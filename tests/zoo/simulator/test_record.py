@@ -178,7 +178,7 @@ def test_the_command_records_and_prints_the_next_command(tmp_path):
         (["record", "out=x", "renderer=none"], "renderer=none: must be auto, software or opengl"),
         (["record", "out=x", "jobs=0"], "jobs=0: must be a whole number in 1..64"),
     ],
-    ids=lambda one: " ".join(one) if isinstance(one, list) else "",
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, message, capsys):
     assert run_command("drivezoo simulator", simulator, arguments) == 2

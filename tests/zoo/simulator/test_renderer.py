@@ -97,7 +97,7 @@ def test_blur_spreads_a_lines_edge_and_keeps_the_brightness(lake: World) -> None
     sharp, soft, softer = (
         look(lake, replace(CLEAR, blur=blur), distance=330).astype(int) for blur in (0, 1.5, 4)
     )
-    edges = [np.abs(np.diff(one[80:130], axis=1)).max() for one in (sharp, soft, softer)]
+    edges = [np.abs(np.diff(image[80:130], axis=1)).max() for image in (sharp, soft, softer)]
     assert edges[0] > 1.5 * edges[1] > 1.5 * 1.5 * edges[2]
     assert soft.mean() == pytest.approx(sharp.mean(), abs=1)
     with pytest.raises(InputError, match="blur=-1"):
@@ -133,8 +133,8 @@ def test_a_wider_angle_of_view_shows_the_same_things_smaller(lake: World) -> Non
     top, left = (160 - len(shrunk)) // 2, (320 - shrunk.shape[1]) // 2
     above_bonnet = slice(20, 70), slice(20, 200)
     moved, same, other = (
-        cv2.blur(one, (5, 5))[above_bonnet].astype(float)
-        for one in (wider[top:, left:], shrunk, usual[top:, left:])
+        cv2.blur(image, (5, 5))[above_bonnet].astype(float)
+        for image in (wider[top:, left:], shrunk, usual[top:, left:])
     )
     assert np.abs(moved - same).mean() < 8
     assert np.abs(moved - other).mean() > 20

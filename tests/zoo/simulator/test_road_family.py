@@ -45,9 +45,9 @@ DIGESTS = {  # of the contents, and of the centrelines in 6 decimals
 @pytest.mark.parametrize("name", DIGESTS)
 def test_roads_stay_as_they_are(name):
     names = [f"{name}:{seed}" for seed in (0, 1, 17, 502, 703)]
-    roads = [read_track(one) for one in names]
-    columns = [np.column_stack([one.xyz, one.heading, one.curvature, one.widths]) for one in roads]
-    values = np.concatenate(columns).round(6) + 0.0
+    roads = [read_track(full_name) for full_name in names]
+    raw = [np.column_stack([road.xyz, road.heading, road.curvature, road.widths]) for road in roads]
+    values = np.concatenate(raw).round(6) + 0.0
     assert (roads_digest(names), hashlib.sha256(values).hexdigest()[:16]) == DIGESTS[name]
 
 
@@ -56,10 +56,10 @@ def test_a_digest_of_roads_changes_with_their_content(tmp_path):
     assert roads_digest(["alpine:1"]) != roads_digest(["alpine:2"])
     assert roads_digest(["alpine:1", "udacity_lake"]) == roads_digest(["alpine:1"])
     content = yaml.safe_load(find_family("alpine").path.read_text())
-    own = write_track(tmp_path, **content)
-    before = roads_digest([f"{own}:1"])
+    path = write_track(tmp_path, **content)
+    before = roads_digest([f"{path}:1"])
     write_track(tmp_path, **content | {"width": [5.0, 6.0]})
-    assert roads_digest([f"{own}:1"]) != before
+    assert roads_digest([f"{path}:1"]) != before
 
 
 def test_roads_keep_to_the_ranges_of_their_family(family):
@@ -78,8 +78,8 @@ def test_roads_keep_to_the_ranges_of_their_family(family):
 
 def test_each_road_has_a_light_of_its_own(family):
     lights = {
-        (one.sun_turn_deg, one.sun_lift_deg, one.sun, one.brightness)
-        for one in (draw_road(family, seed).surroundings for seed in range(5))
+        (scene.sun_turn_deg, scene.sun_lift_deg, scene.sun, scene.brightness)
+        for scene in (draw_road(family, seed).surroundings for seed in range(5))
     }
     assert len(lights) == 5
 
@@ -105,7 +105,7 @@ def test_loops_close(family):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "named"),
+    ("key", "value", "message"),
     [
         ("radius", [90, 15], "radius"),
         ("radius", 15, "radius"),
@@ -120,10 +120,10 @@ def test_loops_close(family):
         ("path", "alpine.yaml", "unknown key path"),
     ],
 )
-def test_wrong_families_name_file_and_key(tmp_path, key, value, named):
+def test_wrong_families_name_file_and_key(tmp_path, key, value, message):
     content = yaml.safe_load((find_family("country").path).read_text())
     path = write_track(tmp_path, **content | {key: value})
-    with pytest.raises(InputError, match=named) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         find_family(path)
     assert path in str(caught.value)
 
@@ -207,7 +207,7 @@ def reckon(name: str) -> np.ndarray:
     share = np.linspace(0, 1, len(corners))[:, None]
     corners[:, :2] -= share * corners[-1, :2]
     parts = np.linspace(0, 1, 50, endpoint=False)[:, None]
-    return np.concatenate([one + parts * (other - one) for one, other in pairwise(corners)])
+    return np.concatenate([start + parts * (end - start) for start, end in pairwise(corners)])
 
 
 @by_track
@@ -255,9 +255,9 @@ def test_both_levels_of_a_bridge_stay_apart(ahead, side, near):
     for level in (820.0, 1328.0):
         distance = level + ahead
         x, y, _ = right_of(JUNGLE, distance, side)
-        place = JUNGLE.locate(x, y, distance + near)
-        assert place.distance == pytest.approx(distance, abs=2)
-        assert place.z == pytest.approx(JUNGLE.at(distance)[2], abs=0.6)
+        position = JUNGLE.locate(x, y, distance + near)
+        assert position.distance == pytest.approx(distance, abs=2)
+        assert position.z == pytest.approx(JUNGLE.at(distance)[2], abs=0.6)
 
 
 def test_a_car_that_leaves_the_bridge_sideways_keeps_its_level():

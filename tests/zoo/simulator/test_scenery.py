@@ -142,9 +142,9 @@ def test_barriers_stand_in_a_row_beyond_the_leaves_and_signs_in_bends_behind_the
     signs = [sign for sign in road_signs(track) if sign.kind == "chevron"]
     assert signs
     for sign in signs:
-        place = track.locate(*sign.foot[:2])
-        assert place.curvature > 0, "the road bends to the left, so its right is the outer side"
-        assert place.cte > away.max()
+        position = track.locate(*sign.foot[:2])
+        assert position.curvature > 0, "the road bends to the left, so its right is the outer side"
+        assert position.cte > away.max()
 
 
 def test_a_tunnel_is_dark_inside_and_leaves_room_for_the_car() -> None:
@@ -233,7 +233,7 @@ def test_what_faces_the_sun_is_brighter() -> None:
 def test_a_trees_shadow_lies_on_the_side_away_from_the_sun() -> None:
     track = read_track("lake")
     ground = Ground(track)
-    tree = next(one for one in place_standing(track, ground, "full") if one.kind == "round_tree")
+    tree = next(item for item in place_standing(track, ground, "full") if item.kind == "round_tree")
     steps = np.arange(-30, 31)
     around = tree.foot + np.array([[x, y, 0.0] for x, y in product(steps, steps)])
     shadows = Shadows(track, [tree], [around])

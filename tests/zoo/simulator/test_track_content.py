@@ -154,7 +154,7 @@ def test_a_figure_of_eight_gets_a_bridge_over_its_lower_part():
     assert crossing[2] == pytest.approx(8, abs=0.5)
     assert crossing[:2] == pytest.approx(track.at(0.0)[:2], abs=1.5)
     assert np.ptp(upper) == pytest.approx(6.4 + 2 * 2.5 + 2 * 6 + 6.4, abs=4)
-    flat = [{**one, "climb": one.get("climb", 0) / 4} for one in EIGHT]
+    flat = [{**segment, "climb": segment.get("climb", 0) / 4} for segment in EIGHT]
     with pytest.raises(InputError) as error:
         make_track("eight", {"segments": flat})
     assert "crosses itself" in str(error.value)

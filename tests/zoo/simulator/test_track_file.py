@@ -36,7 +36,7 @@ def test_every_included_track_can_be_driven(path):
     assert 1000 < track.length < 1600
     assert 1 / np.abs(track.curvature).max() > TIGHTEST_RADIUS_M
     assert np.abs(track.grade).max() < (0.27 if "jungle" in track.name else 0.13)
-    assert all(one.end <= track.length for one in track.stretches)
+    assert all(stretch.end <= track.length for stretch in track.stretches)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_the_mountain_is_narrow_steep_and_winding():
     assert 11 < 1 / np.abs(track.curvature).max() < 13
     assert track.grade.max() > 0.1
     assert track.grade.min() < -0.1
-    verges = {side for one in track.stretches for side in (one.left, one.right)}
+    verges = {side for stretch in track.stretches for side in (stretch.left, stretch.right)}
     assert {"rock", "drop"} <= verges
 
 
@@ -104,7 +104,7 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ({"surroundings": {"lakes": [[1, 2, -3]]}}, "lakes, number 1, number 3: -3; must be"),
         ({"centre_line": "no"}, "centre_line: no; must be a valid boolean"),
         ({"points": [*SQUARE[:3], [False, 60, 0]]}, "points, number 4, number 1: False; must be"),
-        ({"points": [[9000 * one for one in place] for place in SQUARE]}, "points: extend over"),
+        ({"points": [[9000 * x for x in point] for point in SQUARE]}, "points: extend over"),
         pytest.param(
             {"points": [[east, 0, 0] for east in range(10_001)]},
             "points: must have at most 10000 items",
@@ -112,7 +112,7 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ),
         ({"surroundings": {"lakes": math.nan}}, "surroundings: lakes: "),
         ({"surroundings": {"lakes": [[0, 0, 1e8]]}}, "surroundings: lakes, number 1"),
-        ({"surroundings": {"lakes": [[one, 0, 9] for one in range(101)]}}, "at most 100"),
+        ({"surroundings": {"lakes": [[east, 0, 9] for east in range(101)]}}, "at most 100"),
         ({"width": math.nan}, "width: nan"),
     ],
 )
@@ -167,12 +167,12 @@ beside = st.floats(-0.9, 0.9)  # share of the half width
 @given(lap=anywhere, side=beside, near=st.floats(-15, 15))
 def test_locate_finds_what_at_gave(track, lap, side, near):
     distance, cte = lap * track.length, side * track.width / 2
-    place = track.locate(*right_of(track, distance, cte)[:2], distance + near)
-    apart = (place.distance - distance + track.length / 2) % track.length - track.length / 2
+    position = track.locate(*right_of(track, distance, cte)[:2], distance + near)
+    apart = (position.distance - distance + track.length / 2) % track.length - track.length / 2
     assert abs(apart) < 0.3
-    assert place.cte == pytest.approx(cte, abs=0.02)
-    assert np.cos(place.heading - track.heading_at(distance)) > 0.999
-    assert place.z == pytest.approx(track.at(distance)[2], abs=0.05)
+    assert position.cte == pytest.approx(cte, abs=0.02)
+    assert np.cos(position.heading - track.heading_at(distance)) > 0.999
+    assert position.z == pytest.approx(track.at(distance)[2], abs=0.05)
 
 
 @pytest.mark.parametrize("track", ON_ONE_LEVEL.values(), ids=ON_ONE_LEVEL)
@@ -180,9 +180,9 @@ def test_locate_finds_what_at_gave(track, lap, side, near):
 def test_locate_needs_no_hint(track, lap, side):
     x, y, _ = right_of(track, lap * track.length, side * track.width / 2)
     both = track.locate(x, y), track.locate(x, y, lap * track.length)
-    found, hinted = ((place.x, place.y, place.cte) for place in both)
+    unhinted, hinted = ((position.x, position.y, position.cte) for position in both)
     # Where two segments meet, either may be the nearest one.
-    assert found == pytest.approx(hinted, abs=1e-5)
+    assert unhinted == pytest.approx(hinted, abs=1e-5)
 
 
 @pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)
@@ -211,7 +211,7 @@ def test_a_circle_has_its_radius_everywhere_and_left_is_positive(radius, turn, c
 
 
 def test_a_long_track_is_accepted():
-    assert make_track("long", {"points": [[30 * one for one in at] for at in SQUARE]}).length > 5000
+    assert make_track("long", {"points": [[30 * x for x in at] for at in SQUARE]}).length > 5000
 
 
 def test_stretches_differ_from_the_rest():
@@ -222,5 +222,5 @@ def test_stretches_differ_from_the_rest():
     track = loop(verge={"left": "rock"}, paving="worn", stretches=stretches)
     assert [track.stretch_at(distance).paving for distance in (120.0, 220.0)] == ["cobbles", "worn"]
     both = [track.verge_at(distance) for distance in (120.0 + track.length, 150.0)]
-    assert [(one.left, one.right) for one in both] == [("rock", "wall"), ("rock", "paved")]
+    assert [(verge.left, verge.right) for verge in both] == [("rock", "wall"), ("rock", "paved")]
     assert track.stretch_at(150.0) is None

@@ -45,8 +45,8 @@ def test_progress_grows_in_the_driving_direction(direction):
     info = drive(world, 1, throttle=0.3)
     assert info["progress"] * world.track.length == pytest.approx(9, abs=1)
     assert info["lap"] == 0
-    place = info["distance"] if direction > 0 else world.track.length - info["distance"]
-    assert place == pytest.approx(9, abs=1)
+    distance = info["distance"] if direction > 0 else world.track.length - info["distance"]
+    assert distance == pytest.approx(9, abs=1)
 
 
 @both_ways
@@ -80,8 +80,8 @@ def test_putting_the_car_back_changes_neither_progress_nor_time():
     after = world.info()
     assert after["distance"] == pytest.approx(200, abs=0.01)
     assert (after["cte"], after["speed_mph"]) == pytest.approx((0.5, 10), abs=0.01)
-    kept = ("progress", "lap", "time")
-    assert [after[key] for key in kept] == [before[key] for key in kept]
+    keys = ("progress", "lap", "time")
+    assert [after[key] for key in keys] == [before[key] for key in keys]
 
 
 def test_off_the_road_is_beyond_the_edge_line_and_slows_the_car():
@@ -114,12 +114,12 @@ def test_walls_keep_the_car_in_and_slow_it_and_stop_it_head_on(kind):
 )
 def test_a_frame_takes_whole_steps_of_physics_and_they_never_drift(frame_rate, steps):
     world = World(loop(), frame_rate=frame_rate)
-    taken = []
+    counts = []
     for _ in steps:
         before = world.steps
         world.step(0, 0)
-        taken.append(world.steps - before)
-    assert taken == steps
+        counts.append(world.steps - before)
+    assert counts == steps
     drive(world, 120)
     assert world.time == pytest.approx(world.frames / frame_rate, abs=0.011)
 
@@ -200,16 +200,16 @@ def test_a_direction_has_a_name_and_a_number(kind: type, typed: str, direction: 
 def test_each_loop_has_its_own_duration_and_delay():
     world = World(loop(), loop=[(0.04, 0.0), (0.2, 0.1), (0.06, 0.3)])
     seconds, late_s = [0.04, 0.2, 0.06], [0.0, 0.1, 0.3]
-    taken, arrived = [], []
+    durations, arrived = [], []
     for _ in range(6):
         before = world.time
         world.step(0.5, 0)
-        taken.append(round(world.time - before, 2))
+        durations.append(round(world.time - before, 2))
         arrived.append(world.car.steering)
         world.put_back(Start(10))  # forgets the command
-    first = seconds.index(taken[0])
+    first = seconds.index(durations[0])
     order = [(first + number) % 3 for number in range(6)]
-    assert taken == [seconds[part] for part in order]
+    assert durations == [seconds[part] for part in order]
     assert arrived == [0.5 if late_s[part] < seconds[part] else 0.0 for part in order]
 
 
