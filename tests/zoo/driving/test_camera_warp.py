@@ -12,7 +12,7 @@ from zoo.simulator.udacity_car import CAMERAS, camera_matrix
 
 CENTER = UDACITY.cameras["center"]
 # x right, y up and z ahead of the car's origin on the ground.
-PLACES = {name: (one.right_m, one.up_m, one.ahead_m) for name, one in UDACITY.cameras.items()}
+PLACES = {name: (cam.right_m, cam.up_m, cam.ahead_m) for name, cam in UDACITY.cameras.items()}
 WARP = Warp(UDACITY, (160, 320))
 RNG = np.random.default_rng(0)
 FRAMES = {camera: RNG.integers(0, 256, (160, 320, 3), np.uint8) for camera in CAMERAS}
@@ -55,7 +55,7 @@ def test_a_point_is_looked_up_where_the_camera_saw_it(right_m, heading_rad, ahea
     point = seen_from * (1, 0, 1) + turn @ (aside * ahead, 0, ahead)
     u, v = project(point, seen_from, heading_rad)
     truth = project(point, np.array(PLACES[camera]), 0.0)
-    x, y = (one.reshape(160, 320) for one in WARP.maps(camera, right_m, heading_rad))
+    x, y = (grid.reshape(160, 320) for grid in WARP.maps(camera, right_m, heading_rad))
 
     left, top = int(np.floor(u)), int(np.floor(v))
     if not (0 <= left < 319 and 0 <= top < 159):
@@ -124,7 +124,7 @@ def test_the_ground_moves_by_the_rigs_own_camera(stretched):
     height, width = stretched
     row = round(height / 2 + camera.focal_px * 1.4 / 10 * height / 480 - 0.5)
 
-    x, y = (one.reshape(height, width) for one in warp.maps("center", 1.0, 0.0))
+    x, y = (grid.reshape(height, width) for grid in warp.maps("center", 1.0, 0.0))
 
     assert x[row, width // 2] - width // 2 == pytest.approx(camera.focal_px / 10, abs=0.5)
     assert y[row, width // 2] == pytest.approx(row, abs=0.01)
@@ -135,15 +135,15 @@ def test_the_ground_moves_by_the_rigs_own_camera(stretched):
 def test_it_looks_like_the_world_from_there(pose, world):
     right_m, heading_deg = pose
     differences = []
-    for place in (40.0, 300.0, 700.0):
-        world.put_back(Start(place))
+    for distance in (40.0, 300.0, 700.0):
+        world.put_back(Start(distance))
         frames = {camera: world.frame(camera) for camera in CAMERAS}
         x, y, heading = world.car.x, world.car.y, world.car.heading
         x, y = x + right_m * np.sin(heading), y - right_m * np.cos(heading)
         world.car.place(x, y, heading - np.radians(heading_deg))
         truth = world.frame().astype(int)
         warped = WARP(frames.__getitem__, list(CAMERAS), right_m, np.radians(heading_deg))
-        road = [np.abs(one - truth)[60:130].mean() for one in (warped, frames["center"])]
+        road = [np.abs(image - truth)[60:130].mean() for image in (warped, frames["center"])]
         differences.append(road)
 
     warped_off, recorded_off = np.mean(differences, 0)

@@ -101,10 +101,10 @@ def test_images_have_the_times_of_the_drive(tmp_path: Path) -> None:
         writer.put(DriveRow(time_s), b"image %d" % number, begins=number == 4)
     writer.close({})
     lines = (tmp_path / "drive" / "driving_log.csv").read_text().splitlines()
-    named = times_from_names([line.split(",")[0] for line in lines])
+    stamps = times_from_names([line.split(",")[0] for line in lines])
     steps = [0.1, 0.001, 0.1, PAUSE_S, PAUSE_S, 0.1]
-    np.testing.assert_allclose(np.diff(named), steps, atol=0.0015)
-    assert named[0] == pytest.approx(time.time() + time.localtime().tm_gmtoff, abs=60)
+    np.testing.assert_allclose(np.diff(stamps), steps, atol=0.0015)
+    assert stamps[0] == pytest.approx(time.time() + time.localtime().tm_gmtoff, abs=60)
 
 
 def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,12 +119,12 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_disk_that_is_too_slow_delays_nobody(tmp_path: Path) -> None:
-    said: list[str] = []
-    writer = BackgroundWriter(tmp_path / "drive", Notices(said.append))
+    lines: list[str] = []
+    writer = BackgroundWriter(tmp_path / "drive", Notices(lines.append))
     for number in range(20_000):
         writer.put(DriveRow(float(number)), None)
     writer.close({})
     written = len(read_drive(tmp_path / "drive"))
     dropped = writer.notices.counts.total()
     assert written + dropped == 20_000
-    assert len(said) == (dropped > 0)
+    assert len(lines) == (dropped > 0)

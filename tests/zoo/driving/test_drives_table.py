@@ -56,8 +56,8 @@ def test_one_drive_has_no_spread_nor_has_a_figure_that_some_drives_lack() -> Non
 
     drives = [drive(lap_s=None), drive(lap_s=80.0), drive(lap_s=90.0)]
     assert mean_and_spread(drives)["lap_s"] == (85.0, None)
-    for own in ([drive(lap_s=80.0), drive()], [drive(), drive(lap_s=80.0)]):
-        assert mean_and_spread(own)["lap_s"] == (80.0, None), "the other drive has no lap"
+    for pair in ([drive(lap_s=80.0), drive()], [drive(), drive(lap_s=80.0)]):
+        assert mean_and_spread(pair)["lap_s"] == (80.0, None), "the other drive has no lap"
 
 
 def test_an_unknown_figure_leaves_a_gap_in_plots_and_sweeps() -> None:

@@ -25,7 +25,7 @@ SETTINGS = {
         "MKL_CBWR": "COMPATIBLE",
         "OPENBLAS_CORETYPE": "Haswell",
         "OPENCV_CPU_DISABLE": "AVX512-SKX",
-        "NPY_DISABLE_CPU_FEATURES": " ".join(one for one in FOUND if "512" in one or "V4" in one),
+        "NPY_DISABLE_CPU_FEATURES": " ".join(isa for isa in FOUND if "512" in isa or "V4" in isa),
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX512VL",
     },
     "SSE4": {

@@ -55,18 +55,18 @@ def test_the_bootstrap_of_many_units_is_scipys() -> None:
 
 
 def test_a_bootstrap_stays_within_its_limits() -> None:
-    found = bootstrap(np.array([0.2, 1.0, 1.0]), limits=(0, 1))
+    estimate = bootstrap(np.array([0.2, 1.0, 1.0]), limits=(0, 1))
 
-    assert (found.low, found.high) == (0, 1)
+    assert (estimate.low, estimate.high) == (0, 1)
 
 
 def test_a_mean_of_independent_places_has_the_interval_of_students_t() -> None:
     values = RNG.normal(size=(1, 9))
     low, high = stats.t.interval(0.95, 8, values.mean(), stats.sem(values[0]))
 
-    found = clustered(values, places=range(9))
+    mean = clustered(values, places=range(9))
 
-    assert (found.value, found.low, found.high) == pytest.approx((values.mean(), low, high))
+    assert (mean.value, mean.low, mean.high) == pytest.approx((values.mean(), low, high))
 
 
 def test_drives_of_one_place_are_one_observation() -> None:
@@ -92,9 +92,9 @@ def test_a_failure_in_a_stratum_of_two_places_leaves_an_interval_of_use() -> Non
     values = np.array([[0.0] * 7 + [0.0, 1.0]])
     groups = ["like"] * 7 + ["dynamics"] * 2
 
-    found = clustered(values, places=range(9), groups=groups, limits=POSITIVE, one_failure=1.0)
+    estimate = clustered(values, places=range(9), groups=groups, limits=POSITIVE, one_failure=1.0)
 
-    assert found.high < 2
+    assert estimate.high < 2
 
 
 def test_trainings_that_differ_widen_the_interval() -> None:
@@ -112,10 +112,10 @@ def test_trainings_that_differ_widen_the_interval() -> None:
 def test_no_failure_has_the_exact_bound_of_its_places(limits: tuple) -> None:
     exact = stats.binomtest(0, 30).proportion_ci(method="exact").high
 
-    found = clustered(np.zeros((3, 30)), places=range(30), limits=limits, one_failure=1.0)
+    estimate = clustered(np.zeros((3, 30)), places=range(30), limits=limits, one_failure=1.0)
 
-    assert (found.value, found.low) == (0, 0)
-    assert found.high == pytest.approx(exact)
+    assert (estimate.value, estimate.low) == (0, 0)
+    assert estimate.high == pytest.approx(exact)
 
 
 def test_an_entry_that_never_failed_is_not_surer_than_one_that_did() -> None:
@@ -123,32 +123,32 @@ def test_an_entry_that_never_failed_is_not_surer_than_one_that_did() -> None:
     for failures in range(4):
         values = np.zeros((3, 30))
         values[0, :failures] = 1
-        found = clustered(values, places=range(30), limits=POSITIVE, one_failure=1.0)
-        highs.append(found.high)
-        assert found.low <= found.value <= found.high
+        estimate = clustered(values, places=range(30), limits=POSITIVE, one_failure=1.0)
+        highs.append(estimate.high)
+        assert estimate.low <= estimate.value <= estimate.high
 
     assert highs[0] <= min(highs)
 
 
 @pytest.mark.parametrize("values", [np.zeros((0, 4)), np.zeros((1, 0)), np.array([[0.5, np.nan]])])
 def test_unknown_values_give_an_unknown_estimate(values: np.ndarray) -> None:
-    found = clustered(values, places=range(values.shape[1]))
+    estimate = clustered(values, places=range(values.shape[1]))
 
-    assert all(map(math.isnan, (found.value, found.low, found.high)))
+    assert all(map(math.isnan, (estimate.value, estimate.low, estimate.high)))
 
 
 def test_equal_values_are_no_proof_that_further_places_are_equal() -> None:
-    found = clustered(np.full((3, 8), 0.5), places=range(8), limits=(-1, 1))
-    assert found.low < 0.5 < found.high
+    estimate = clustered(np.full((3, 8), 0.5), places=range(8), limits=(-1, 1))
+    assert estimate.low < 0.5 < estimate.high
     assert math.isnan(clustered(np.full((3, 8), 0.5), places=range(8), limits=ANY).low)
 
 
 def test_a_p_value_is_below_5_percent_where_the_interval_leaves_out_0() -> None:
     for difference in (np.full((2, 2, 12), 0.6), np.full((2, 2, 12), 0.2), RNG.normal(size=(1, 9))):
         places = range(difference.shape[-1])
-        found = clustered(difference, places=places, limits=(-1, 1))
+        estimate = clustered(difference, places=places, limits=(-1, 1))
         p = p_value(difference, places, [""] * len(places))
-        assert (p < 0.05) == (found.low > 0 or found.high < 0)
+        assert (p < 0.05) == (estimate.low > 0 or estimate.high < 0)
 
 
 def test_a_correction_for_one_pair_changes_nothing() -> None:
@@ -168,5 +168,5 @@ def test_a_plot_of_few_rows_warns_of_nothing(figures: dict[str, Estimate]) -> No
         plot = interval_plot(figures, "autonomy (%)", 0.0)
         plot.savefig(io.BytesIO())
     (axis,) = plot.axes
-    assert [one.get_text() for one in axis.get_yticklabels()] == list(figures)
+    assert [label.get_text() for label in axis.get_yticklabels()] == list(figures)
     assert axis.get_ylim() == (0.5, -0.5)

@@ -87,8 +87,8 @@ def test_beyond_the_margin_is_off_the_road_and_so_is_a_wall_that_holds_it(moment
 
 def test_a_car_that_stays_off_the_road_costs_at_least_the_time_that_it_is_off() -> None:
     for seconds in (1, 5.9, 6, 17, 60):
-        found = judge(InterventionRule(3.0), seconds, cross_track_m=5.0)
-        assert seconds <= 6 * len(found) < seconds + 6.1
+        interventions = judge(InterventionRule(3.0), seconds, cross_track_m=5.0)
+        assert seconds <= 6 * len(interventions) < seconds + 6.1
 
 
 def test_a_standstill_is_one_after_five_seconds_and_every_five() -> None:
@@ -170,10 +170,10 @@ def test_a_simulator_without_cross_track_error_measures_no_autonomy(begin: Begin
     state = drive.driver.latest()
     assert state.autonomy is None
     assert (state.interventions, state.lost) == (0, STANDSTILL)
-    said = drive.end()
-    assert "autonomy: not measured" in said
-    assert "no cross-track error" in said
-    assert "nobody took over" in said
+    printed = drive.end()
+    assert "autonomy: not measured" in printed
+    assert "no cross-track error" in printed
+    assert "nobody took over" in printed
     assert drive.json["autonomy"] is None
     assert drive.json["interventions"] == 0
 
@@ -192,10 +192,10 @@ def test_a_takeover_measures_autonomy_without_cross_track_error(begin: Begin) ->
 def test_a_single_telemetry_prints_no_nan(begin: Begin, cte: dict) -> None:
     drive = begin()
     drive.send(**cte)
-    said = drive.end()
-    assert "nan" not in said.lower()
-    assert "1 telemetry" in said
-    assert "autonomy: not measured" in said
+    printed = drive.end()
+    assert "nan" not in printed.lower()
+    assert "1 telemetry" in printed
+    assert "autonomy: not measured" in printed
     assert drive.json["autonomy"] is None
     assert drive.driver.latest().autonomy is None
 

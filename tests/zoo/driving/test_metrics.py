@@ -117,8 +117,8 @@ def test_a_car_that_did_not_move_was_not_measured() -> None:
 def test_calibration_compares_the_spread_with_expert_and_error() -> None:
     spreads, errors = (0.1, 0.1, 0.2, 0.4, math.nan), (0.0, 0.1, -0.5, 2.0, 9.0)
     rows = [
-        DriveRow(0.1 * row, steering=0.5, spread=one, cross_track_m=error, expert_steering=expert)
-        for row, (one, error, expert) in enumerate(
+        DriveRow(0.1 * row, steering=0.5, spread=std, cross_track_m=error, expert_steering=expert)
+        for row, (std, error, expert) in enumerate(
             zip(spreads, errors, (0.69, 0.71, 0.12, -0.2, 0.5), strict=True)
         )
     ]

@@ -126,10 +126,10 @@ def test_on_a_straight_path_the_car_drives_the_circle_of_its_steering(besides, m
 def test_a_car_outside_of_a_bend_with_its_radius_stays_beside_the_path():
     recorded = 0.2
     radius = 1 / UDACITY.curvature(recorded)
-    own = math.degrees(math.atan(2.87 / (radius + 0.5))) / 25  # half a metre farther outside
+    steering = math.degrees(math.atan(2.87 / (radius + 0.5))) / 25  # half a metre farther outside
     car = VirtualCar(UDACITY, right_m=-0.5)
 
-    car.step(own, recorded, 40.0, 400)
+    car.step(steering, recorded, 40.0, 400)
 
     assert car.right_m == pytest.approx(-0.5, abs=1e-3)
     assert car.heading_rad == pytest.approx(0, abs=1e-3)
@@ -234,10 +234,10 @@ def test_the_command_prints_a_table_and_writes_figures_and_frames(tmp_path, chec
 @pytest.mark.parametrize(("share", "lines"), [(0.41, 1), (0.4, 0)])
 def test_a_keyboards_recording_is_said_to_mean_little(recording, share, lines):
     steering = np.where(np.arange(ROWS) < share * ROWS, 0.0, 0.1)
-    said = keyboard_lines(replace(recording, steering=steering), on_track=True)
+    warnings = keyboard_lines(replace(recording, steering=steering), on_track=True)
 
-    assert len(said) == lines
-    for line in said:
+    assert len(warnings) == lines
+    for line in warnings:
         assert recording.names[0] in line
         assert "41%" in line
         assert "keyboard" in line

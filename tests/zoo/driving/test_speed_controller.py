@@ -73,9 +73,9 @@ def test_bends_are_taken_slowly() -> None:
 
 
 def test_constant_and_the_networks_own() -> None:
-    own = Command(0.0, 0.9)
-    assert Constant(0.3).throttle(own, 30, 0) == 0.3
-    assert Network(gain=0.5).throttle(own, 30, 0) == 0.45
+    command = Command(0.0, 0.9)
+    assert Constant(0.3).throttle(command, 30, 0) == 0.3
+    assert Network(gain=0.5).throttle(command, 30, 0) == 0.45
     assert Network(fallback=0.1).throttle(STRAIGHT, 30, 0) == 0.1
 
 

@@ -45,7 +45,7 @@ class Browser:
         self.call("Emulation.setEmulatedMedia", features=[feature])
 
     def _page(self) -> str:
-        line = next(one for one in self._process.stderr if "DevTools listening on" in one)
+        line = next(text for text in self._process.stderr if "DevTools listening on" in text)
         port = line.split("://")[1].split("/")[0].rpartition(":")[2]
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json", timeout=10) as tabs:
             pages = [tab for tab in json.load(tabs) if tab["type"] == "page"]

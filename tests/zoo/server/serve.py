@@ -122,8 +122,8 @@ def main(folder: str, option: str | None = None) -> None:
     with stop:
         server.serve(lambda: notices.print(line), lambda: stop.asked)
     gc.collect()
-    tasks = sum(isinstance(one, GreenThread) and not one.dead for one in gc.get_objects())
-    sessions = sum(isinstance(one, Socket) for one in gc.get_objects())
+    tasks = sum(isinstance(obj, GreenThread) and not obj.dead for obj in gc.get_objects())
+    sessions = sum(isinstance(obj, Socket) for obj in gc.get_objects())
     print(f"holds {sessions} sessions and {tasks} tasks", flush=True)
     server.close()
     driver.end(datetime.now())

@@ -149,7 +149,7 @@ def test_a_full_disk_is_said_once_and_driving_goes_on(tmp_path: Path) -> None:
                 client.telemetry(jpeg=picture((shade, 0, 0)))
                 assert client.reply()[0] == "steer"
         assert process.stop() == 0
-    said = [line for line in process.lines if "driving continues: " in line]
-    assert len(said) == 1, process.lines
+    lines = [line for line in process.lines if "driving continues: " in line]
+    assert len(lines) == 1, process.lines
     assert len((tmp_path / "drive" / "driving_log.csv").read_text().splitlines()) == 1
     assert len(list((tmp_path / "drive" / "IMG").iterdir())) == 1

@@ -328,10 +328,10 @@ def test_the_latency_is_measured_from_the_telemetry(remembering: Driver) -> None
         degrees = f"{25 * sent[-4]:.4f}".replace(".", ",")
         reply = remembering.answer(session, frame(number, steering_angle=degrees), number / 10)
         sent.append(float(reply.values["steering_angle"].replace(",", ".")))
-    own = session._policy
-    assert own.latency_s == pytest.approx(0.3)
+    policy = session._policy
+    assert policy.latency_s == pytest.approx(0.3)
     remembering.answer(session, frame(99, steering_angle="?"), 4.0)
-    assert own.latency_s == pytest.approx(0.3)
+    assert policy.latency_s == pytest.approx(0.3)
 
 
 def test_the_spread_is_recorded_and_shown(remembering: Driver) -> None:

@@ -18,7 +18,7 @@ from tests.zoo.server.old_client import OldClient
 from tests.zoo.server.serve import Served, picture, served
 from zoo.server.live_page import MOST_POLLS, POLL_MS, PollInterval
 
-said = "document.getElementById('{}').textContent".format
+text = "document.getElementById('{}').textContent".format
 size = "document.documentElement.{}".format
 
 
@@ -151,10 +151,10 @@ def test_a_switch_takes_effect_and_one_to_a_broken_checkpoint_does_not(driver: S
     assert order(driver, switch=first)[1]["checkpoint"] == first
 
 
-@pytest.mark.parametrize("named", ["outputs/old", "latest"])
-def test_a_switch_takes_a_runs_folder_and_latest(named: str, driver: Served) -> None:
+@pytest.mark.parametrize("path", ["outputs/old", "latest"])
+def test_a_switch_takes_a_runs_folder_and_latest(path: str, driver: Served) -> None:
     first = read_state(driver)["checkpoint"]
-    assert order(driver, switch=named)[1]["checkpoint"] == first
+    assert order(driver, switch=path)[1]["checkpoint"] == first
 
 
 @pytest.mark.parametrize(
@@ -191,8 +191,8 @@ def test_commands_of_another_origin_are_refused(driver: Served) -> None:
     for origin in ("http://example.org", "null", f"http://localhost:{driver.port}"):
         status, _, _ = ask(driver.port, "POST", "/command", {"pause": True}, Origin=origin)
         assert status == 403, origin
-    own = f"http://127.0.0.1:{driver.port}"
-    assert ask(driver.port, "POST", "/command", {"pause": False}, Origin=own)[0] == 200
+    page_origin = f"http://127.0.0.1:{driver.port}"
+    assert ask(driver.port, "POST", "/command", {"pause": False}, Origin=page_origin)[0] == 200
     # Content types that a form of another site can send, by a browser that sends no Origin.
     for kind in ("text/plain", "application/x-www-form-urlencoded", ""):
         status, _, _ = ask(driver.port, "POST", "/command", {"pause": True}, Content_Type=kind)
@@ -227,10 +227,10 @@ def test_a_class_that_looks_on_asks_no_more_often_than_a_few() -> None:
 def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Path) -> None:
     with Browser(tmp_path / "profile", 1280, 800) as browser:
         browser.open(f"http://127.0.0.1:{driver.port}/")
-        browser.wait_for(f"Number({said('speed-value')}) > 0")
+        browser.wait_for(f"Number({text('speed-value')}) > 0")
         browser.wait_for("document.getElementById('frame').naturalWidth === 320")
-        assert browser.value(said("status-text")) == "Driving"
-        assert browser.value(said("autonomy")) == "not measured"
+        assert browser.value(text("status-text")) == "Driving"
+        assert browser.value(text("autonomy")) == "not measured"
         assert browser.value(size("scrollWidth")) == 1280
         assert browser.value(size("scrollHeight")) == 800, "it fits without scrolling"
 
@@ -243,8 +243,8 @@ def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Pa
         browser.click("#checkpoint")
         browser.wait_for("document.querySelectorAll('#list button').length === 2")
         browser.click("#list li")
-        browser.wait_for(f"{said('message-text')}.includes('broken.ckpt')")
-        browser.wait_for(f"{said('checkpoint-name')} === 'old / best.ckpt'")
+        browser.wait_for(f"{text('message-text')}.includes('broken.ckpt')")
+        browser.wait_for(f"{text('checkpoint-name')} === 'old / best.ckpt'")
 
         browser.click("#faster")
         browser.wait_for("document.getElementById('set-mph').value === '10'")
@@ -252,11 +252,11 @@ def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Pa
         browser.wait_for("document.getElementById('set-mph').value === '9'")
 
         browser.click("#pause")
-        browser.wait_for(f"{said('status-text')} === 'Paused'")
+        browser.wait_for(f"{text('status-text')} === 'Paused'")
         assert read_state(driver)["paused"]
-        browser.wait_for(f"{said('status-text')} === 'Paused' && {said('pause')} === 'Resume'")
+        browser.wait_for(f"{text('status-text')} === 'Paused' && {text('pause')} === 'Resume'")
         browser.click("#pause")
-        browser.wait_for(f"{said('status-text')} === 'Driving'")
+        browser.wait_for(f"{text('status-text')} === 'Driving'")
         # Only the command that the test made fail has failed.
         assert [line for line in browser.errors if "/command" not in line] == []
 
@@ -287,25 +287,25 @@ def test_the_page_turns_red_when_the_car_leaves_the_road(folder: Path, tmp_path:
             """Stop the simulator's clock until the page shows the words."""
             for _ in range(300):
                 send(time_s, **values)
-                if browser.value(f"{said('status-text')} === '{words}'"):
+                if browser.value(f"{text('status-text')} === '{words}'"):
                     break
                 time.sleep(0.05)
-            assert browser.value(said("status-text")) == words
+            assert browser.value(text("status-text")) == words
             assert browser.value(looks("status")) == kind
 
         browser.open(f"http://127.0.0.1:{driver.port}/")
         for time_s in np.arange(0, 30, 0.5):
             send(time_s, speed="9.0000", cte="0.5000")
         shown(30, "Driving", "good", speed="9.0000", cte="0.5000")
-        assert browser.value(said("autonomy")) == "100.0 %"
+        assert browser.value(text("autonomy")) == "100.0 %"
         shown(30, "Off the road, 5.72 m left", "bad", speed="9.0000", cte="-5.7200")
         for time_s in np.arange(30, 36, 0.5):
             send(time_s, speed="0.0000", cte="0.0000")
         shown(36, "Standing still", "bad", speed="0.0000", cte="0.0000")
         shown(36, "Driving", "good", speed="9.0000", cte="0.0000")
-        assert browser.value(said("interventions")) == "2"
+        assert browser.value(text("interventions")) == "2"
         shown(36, "Left the road, put back", "bad", cte="5.7200", put_back="1.0000")
-        assert browser.value(said("interventions")) == "3"
+        assert browser.value(text("interventions")) == "3"
         assert browser.errors == []
 
 
@@ -318,14 +318,14 @@ def test_the_page_shows_the_band_of_a_policy_that_doubts(tmp_path: Path) -> None
         Browser(tmp_path / "profile", 1280, 800, "dark") as browser,
     ):
         browser.open(f"http://127.0.0.1:{driver.port}/")
-        browser.wait_for(f"{said('strip-name')} === 'Steering'")
+        browser.wait_for(f"{text('strip-name')} === 'Steering'")
         for number in range(8):
             red = round(60 + 40 * np.sin(number / 2))
             simulator.telemetry(jpeg=picture((red, 40, 8 if number < 4 else 25)), speed="9.0000")
             simulator.reply()
             time.sleep(0.1)
-        browser.wait_for(f"{said('strip-name')}.includes('95 % band')")
-        band_deg = float(str(browser.value(said("band"))).strip("± °"))
+        browser.wait_for(f"{text('strip-name')}.includes('95 % band')")
+        band_deg = float(str(browser.value(text("band"))).strip("± °"))
         assert band_deg == pytest.approx(1.96 * 25 / 255 * 25, abs=0.5)
         assert browser.value(size("scrollHeight")) == 800, "it fits without scrolling"
         browser.screenshot(tmp_path / "page.png")

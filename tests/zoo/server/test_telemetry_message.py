@@ -79,7 +79,7 @@ def test_a_size_is_read_from_a_jpegs_head(width: int, height: int) -> None:
 def test_bytes_of_any_kind_have_a_size_or_none(tail: bytes) -> None:
     assert jpeg_size(tail) is None
     size = jpeg_size(b"\xff\xd8" + tail)
-    assert size is None or all(0 <= one < 1 << 16 for one in size)
+    assert size is None or all(0 <= side < 1 << 16 for side in size)
 
 
 @pytest.mark.parametrize("kind", ["GIF", "BMP", "WEBP"])
