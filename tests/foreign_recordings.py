@@ -22,7 +22,7 @@ def frames(right: float = 1.0) -> list[np.ndarray]:
     scene = np.random.default_rng(0).integers(0, 256, (20, 200, 3), np.uint8)
     scene = cv2.resize(scene, (2000, 80), interpolation=cv2.INTER_LINEAR)
     places = 900 + np.cumsum(10 * right * np.r_[0, STEERING[:-1]]).astype(int)
-    return [scene[:, place : place + 160] for place in places]
+    return [scene[:, column : column + 160] for column in places]
 
 
 def driving_log(folder: Path, right: float = 1.0) -> Path:

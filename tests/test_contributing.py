@@ -119,4 +119,4 @@ def test_the_perturbation_is_driven_on_the_track(run: Run, tmp_path: Path) -> No
     words = ["it.ckpt", "track=oval", "perturb=aslant", "laps=0.1", "out=a", "workers=1"]
     run("zoo.commands.evaluate", *words)
     perturbed = json.loads((tmp_path / "a" / "metrics.json").read_text())["perturbed"]
-    assert [one["value"] for one in perturbed["aslant"]] == [-1.5, 0.0, 1.5]
+    assert [row["value"] for row in perturbed["aslant"]] == [-1.5, 0.0, 1.5]

@@ -19,9 +19,9 @@ def test_a_kept_config_is_as_composed(
     compose_config(overrides[:1])  # the same files, other values
     first = compose_config(overrides)
     first["data"].clear()
-    found = compose_config(overrides)
+    config = compose_config(overrides)
     monkeypatch.setattr(kept_compositions, "only_our_files", lambda sources: False)
-    assert found == compose_config(overrides)
+    assert config == compose_config(overrides)
 
 
 def test_a_choice_of_files_is_composed_once() -> None:

@@ -30,9 +30,9 @@ assert (load_views(paths, view, Path("cache")).views == kept).all()
 class Windows:
     """A folder in which commands run without what Windows lacks."""
 
-    def __init__(self, place: Path) -> None:
-        self.place = place
-        self.variables = like_windows(place / "site", commands.environment())
+    def __init__(self, root: Path) -> None:
+        self.place = root
+        self.variables = like_windows(root / "site", commands.environment())
 
     def run(self, *words: str) -> str:
         """Return what `python WORDS` prints."""
@@ -92,7 +92,7 @@ def write_as_on_windows(log: Path) -> None:
     rows = [line.split(",") for line in log.read_text(encoding="utf-8").splitlines()]
     folder = PureWindowsPath("C:/Users/Ann Smith/Desktop/lake/IMG")
     for row in rows:
-        row[:3] = [str(folder / Path(one).name) for one in row[:3]]
+        row[:3] = [str(folder / Path(path).name) for path in row[:3]]
     log.write_text("".join(",".join(row) + "\r\n" for row in rows), encoding="utf-8", newline="")
 
 

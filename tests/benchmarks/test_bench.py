@@ -25,16 +25,16 @@ def test_the_short_version_measures_what_it_says(parts: str, rows: int, tmp_path
     page.write_text("before\n<!-- bench -->\nold\n<!-- end of bench -->\nafter\n")
     result = bench(tmp_path, "short", "docs", f"ONLY={parts}")
     assert result.returncode == 0, result.stdout + result.stderr
-    found = json.loads((tmp_path / "outputs" / "bench.json").read_text())
-    assert found["short"] is True
+    content = json.loads((tmp_path / "outputs" / "bench.json").read_text())
+    assert content["short"] is True
     text = page.read_text()
     assert "| feeding, " in text
     assert "old" not in text
     assert text.endswith("<!-- end of bench -->\nafter\n")
-    assert found["cores"] >= 1
-    assert found["versions"]["torch"]
-    assert len(found["rows"]) == rows
-    for row in found["rows"]:
+    assert content["cores"] >= 1
+    assert content["versions"]["torch"]
+    assert len(content["rows"]) == rows
+    for row in content["rows"]:
         value = row["ratio"][len(row["ratio"]) // 2]
         assert value > 0
         assert row["what"] in result.stdout.replace("\n", " ") or len(row["what"]) > 40

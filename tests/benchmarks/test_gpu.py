@@ -17,7 +17,7 @@ def gpu(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 def test_the_whole_path_runs_on_a_cpu(tmp_path: Path) -> None:
     result = gpu(tmp_path, "tiny", "device=cpu", "short")
     assert result.returncode == 0, result.stdout + result.stderr
-    line, figures = [one for one in result.stdout.splitlines() if "│" in one and "what" not in one]
+    line, figures = [row for row in result.stdout.splitlines() if "│" in row and "what" not in row]
     assert " tiny " in line
     assert "bfloat16 matrix product" in line
     assert "samples/s" in figures

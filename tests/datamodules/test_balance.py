@@ -175,11 +175,11 @@ def test_a_cap_without_a_curved_sample_cannot_be_held():
 def test_a_sample_comes_its_weight_rounded_up_or_down(weights, batch_size, epoch):
     samples = samples_of(np.zeros(len(weights)))
     batches = epoch_batches(samples, batch_size, epoch, 1, weights=weights, **FREE)
-    found = np.bincount(np.concatenate(batches), minlength=len(weights))
-    assert found.sum() == max(1, round(weights.sum()))
-    scaled = weights * (found.sum() / weights.sum())
-    assert (found >= np.floor(scaled - 1e-6)).all()
-    assert (found <= np.ceil(scaled + 1e-6)).all()
+    counts = np.bincount(np.concatenate(batches), minlength=len(weights))
+    assert counts.sum() == max(1, round(weights.sum()))
+    scaled = weights * (counts.sum() / weights.sum())
+    assert (counts >= np.floor(scaled - 1e-6)).all()
+    assert (counts <= np.ceil(scaled + 1e-6)).all()
     assert len(BalancedBatches(samples, batch_size, 1, weights=weights)) == len(batches)
 
 

@@ -104,14 +104,14 @@ def test_every_batch_of_a_size_takes_the_same_operations(colour, frames) -> None
     """Whatever is drawn: nothing waits for a value, as a device would for the CPU."""
     augment = Augment([make(kind) for kind in TRANSFORMS], colour)
     images = torch.from_numpy(views(frames[:8], colour)).to(DEVICE)
-    taken = []
+    runs = []
     for seed in range(4):
         drawn, _ = augment.draw(images.shape[1:], np.zeros(8, np.float32), seed)
         with Operations() as operations:
             augment.on_device(images, torch.from_numpy(drawn).to(DEVICE))
-        taken.append(operations.taken)
-    assert taken[0] == taken[1] == taken[2] == taken[3]
-    assert not {"aten::_local_scalar_dense", "aten::nonzero"} & {name for name, _ in taken[0]}
+        runs.append(operations.taken)
+    assert runs[0] == runs[1] == runs[2] == runs[3]
+    assert not {"aten::_local_scalar_dense", "aten::nonzero"} & {name for name, _ in runs[0]}
 
 
 class Inverted(Change):
@@ -147,8 +147,8 @@ def test_shares_are_changed_as_within_the_whole(world, frames) -> None:
     whole = augment.on_device(images, torch.from_numpy(drawn).to(DEVICE))
     for rank in range(world):
         share = BatchKey(0, 0, np.arange(60), rank, world).share
-        place = share.start, 60
-        drawn, corrected = augment.draw(images.shape[1:], steering[share], 5, place)
+        rows = share.start, 60
+        drawn, corrected = augment.draw(images.shape[1:], steering[share], 5, rows)
         changed = augment.on_device(images[share], torch.from_numpy(drawn).to(DEVICE))
         assert (changed.int() - whole[share].int()).abs().max() <= 1
         assert corrected.tolist() == steered[share].tolist()

@@ -20,10 +20,10 @@ HEADER = "center,left,right,steering,throttle,brake,speed"
 CENTRE_HEADER = HEADER.replace(",left,right", "")
 
 
-def read_text(folder: Path, text: str | bytes, *said: object) -> list[LogRow]:
+def read_text(folder: Path, text: str | bytes, *options: object) -> list[LogRow]:
     log = folder / "driving_log.csv"
     log.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return list(read_log(log, *said))
+    return list(read_log(log, *options))
 
 
 NUMBERS = (0.25, 0.5, 0.0, 7.0)

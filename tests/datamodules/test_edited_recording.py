@@ -53,10 +53,10 @@ def test_kept_rows_are_as_recorded(recording: Recording, source: Written, tmp_pa
     written = write_edited(recording, drop(Edits(ROWS), (5, 30)), tmp_path / "new")
     assert (written.folders, written.rows) == ((tmp_path / "new",), (15,))
     again = read_recordings(str(tmp_path / "new"))
-    kept = [*range(5), *range(30, 40)]
+    rows = [*range(5), *range(30, 40)]
     for name in ("steering", "throttle", "brake", "speed_mph", "time_s"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(recording, name)[kept])
-    for new, row in zip(again.images, kept, strict=True):
+        np.testing.assert_array_equal(getattr(again, name), getattr(recording, name)[rows])
+    for new, row in zip(again.images, rows, strict=True):
         for path, old in zip(new, recording.images[row], strict=True):
             assert Path(path).read_bytes() == Path(old).read_bytes()
     assert np.flatnonzero(find_breaks(again)).tolist() == [4], "the gap is seen as a pause"

@@ -43,8 +43,8 @@ class Halves:
 def data_of(recorded: Written, cache: Path | None) -> DrivingData:
     view = {"crop": VIEW.crop, "colour": VIEW.colour, "size": VIEW.size}
     settings = {"cameras": ["center", "left"], "block_s": 0.5, "gap_s": 0.1, "batch_size": 16}
-    folder, kept = str(recorded.folder), str(cache) if cache else None
-    return DataSettings(folder, cache=kept, **view, **settings).load(Console(quiet=True))
+    folder, path = str(recorded.folder), str(cache) if cache else None
+    return DataSettings(folder, cache=path, **view, **settings).load(Console(quiet=True))
 
 
 def plan_of(data: DrivingData, front: Front, mirrored: bool = True) -> FeaturePlan:
@@ -66,9 +66,9 @@ def test_features_are_of_the_images_and_of_the_mirrored(recorded, tmp_path, cons
     for camera in (0, 1):
         for turned in (False, True):
             images = data.views.take(rows, camera, np.full(120, turned))
-            taken = features.take(rows, np.full(120, camera + MIRRORED * turned))
-            assert taken.dtype == np.float16
-            np.testing.assert_array_equal(taken, other(images))
+            values = features.take(rows, np.full(120, camera + MIRRORED * turned))
+            assert values.dtype == np.float16
+            np.testing.assert_array_equal(values, other(images))
     assert halves.computed == 480
 
 

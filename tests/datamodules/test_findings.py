@@ -156,11 +156,11 @@ def test_the_experts_recordings_lack_recoveries_without_noise_alone(tmp_path, no
     options = RecordOptions(
         track="lake", out=str(tmp_path / "lake"), laps=0.25, noise=noise, seed=1, quality="simple"
     )
-    found = texts(read_recordings(str(record_laps(options))))
-    assert ("no_recoveries" in found) == missing
-    assert "keyboard" not in found
-    assert "two_speeds" not in found
-    assert "duplicates" not in found
+    names = texts(read_recordings(str(record_laps(options))))
+    assert ("no_recoveries" in names) == missing
+    assert "keyboard" not in names
+    assert "two_speeds" not in names
+    assert "duplicates" not in names
 
 
 ROWS = 600
@@ -245,12 +245,12 @@ def test_rows_without_times_have_no_seconds():
 
 
 def test_a_line_a_recording_says_it_all(tmp_path):
-    one = write_recording(tmp_path / "one", rows=60)
-    two = write_recording(tmp_path / "two", rows=3, cameras=("center",))
-    first, second = report_lines(read_recordings([str(one.folder), str(two.folder)]))
-    assert first.startswith(f"{one.folder}: 60 rows, 3 cameras, 4 s at 14.9 frames/s")
+    full = write_recording(tmp_path / "one", rows=60)
+    center = write_recording(tmp_path / "two", rows=3, cameras=("center",))
+    first, second = report_lines(read_recordings([str(full.folder), str(center.folder)]))
+    assert first.startswith(f"{full.folder}: 60 rows, 3 cameras, 4 s at 14.9 frames/s")
     assert "0 gaps" in first
     assert "0 gaps" in second, "the time between two recordings is no gap of either"
-    assert f"{(one.steering == 0).mean():.0%} of steering exactly 0" in first
-    assert f"mean {one.speed_mph.mean():.1f} mph" in first
-    assert second.startswith(f"{two.folder}: 3 rows, centre camera only")
+    assert f"{(full.steering == 0).mean():.0%} of steering exactly 0" in first
+    assert f"mean {full.speed_mph.mean():.1f} mph" in first
+    assert second.startswith(f"{center.folder}: 3 rows, centre camera only")

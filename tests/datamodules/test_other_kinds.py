@@ -40,12 +40,12 @@ def test_a_file_of_another_kind_is_named_by_contents(name: str, kind: str, tmp_p
 
 
 def check_another_kind(name: str, example: Example, file: str, kind: str, tmp_path: Path) -> None:
-    write, _, _, said = example
+    write, _, _, options = example
     folder = write(tmp_path / "recording")
     data, words = KINDS[kind]
     (folder / file).write_bytes(data)
     with pytest.raises(InputError, match=rf"{Path(file).name}\b.*: .*{words}"):
-        read_recordings(str(folder), **{"format": name, **said}, on_bad_row="skip")
+        read_recordings(str(folder), **{"format": name, **options}, on_bad_row="skip")
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -104,11 +104,11 @@ TABLES = {
 
 
 @pytest.mark.parametrize("text", TABLES)
-@pytest.mark.parametrize("named", ["folder", "file"])
-def test_a_table_has_the_command_that_reads_it(text: str, named: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["folder", "file"])
+def test_a_table_has_the_command_that_reads_it(text: str, kind: str, tmp_path: Path) -> None:
     file = tmp_path / "labels.csv"
     file.write_text(text)
-    message = refusal_of(tmp_path if named == "folder" else file)
+    message = refusal_of(tmp_path if kind == "folder" else file)
     assert f"type drivezoo check {file} format=table 'columns={{{TABLES[text]}}}'" in message
 
 
@@ -156,10 +156,10 @@ def packed(folder: Path, name: str) -> Path:
 
 
 @pytest.mark.parametrize("name", ["tub.zip", "tub.tar.gz", "tub.tgz", "tub.tar", "TUB.ZIP"])
-@pytest.mark.parametrize("named", ["folder", "file"])
-def test_an_archive_has_the_command_that_unpacks_it(name: str, named: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["folder", "file"])
+def test_an_archive_has_the_command_that_unpacks_it(name: str, kind: str, tmp_path: Path) -> None:
     path = packed(tmp_path, name)
-    message = refusal_of(path if named == "file" else path.parent)
+    message = refusal_of(path if kind == "file" else path.parent)
     command = f"python -m zipfile -e {path} {path.parent}/{path.stem}"
     if not name.lower().endswith("zip"):
         command = f"tar -xf {path} -C {path.parent}"
@@ -217,17 +217,17 @@ SPELLINGS = {
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_an_image_is_found_by_another_spelling(kind: str, spelling: str, tmp_path: Path) -> None:
     written, there = SPELLINGS[spelling]
-    images, said = tmp_path / ("images" if kind == "tub" else "IMG"), {}
+    images, options = tmp_path / ("images" if kind == "tub" else "IMG"), {}
     images.mkdir()
     cv2.imwrite(str(images / there), foreign.frames()[1])
     if kind == "log":
         (tmp_path / "driving_log.csv").write_text(f"IMG/{written},,,0.1,0,0,1\n")
     elif kind == "table":
         (tmp_path / "labels.csv").write_text(f"image,steering\nIMG/{written},0.1\n")
-        said = {"format": "table", "columns": {"image": "image", "steering": "steering"}}
-        said |= {"steering": {"unit": "share", "full": 1}}
+        options = {"format": "table", "columns": {"image": "image", "steering": "steering"}}
+        options |= {"steering": {"unit": "share", "full": 1}}
     else:
         record = {"cam/image_array": written, "user/angle": 0.1}
         (tmp_path / "catalog_0.catalog").write_text(json.dumps(record) + "\n")
-    recording = read_recordings(str(tmp_path), **said)
+    recording = read_recordings(str(tmp_path), **options)
     assert Path(recording.images[0, 0]).name == there

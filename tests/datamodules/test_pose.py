@@ -79,8 +79,8 @@ def test_the_image_is_that_of_the_moved_car(aside_m: float, turn_deg: int, world
     pose.change_one(changed := unchanged.copy(), np.concatenate([np.zeros(Pose.values), moves]))
     # The car is turned about its rear axle, and placed by its origin.
     rendered = frame(aside_m + UDACITY.rear_axle_m * float(np.sin(turn)), turn_deg)
-    left = np.median(np.abs(verges(changed) - verges(rendered)))
-    assert left < 0.3 * np.median(np.abs(verges(unchanged) - verges(rendered)))
+    error = np.median(np.abs(verges(changed) - verges(rendered)))
+    assert error < 0.3 * np.median(np.abs(verges(unchanged) - verges(rendered)))
 
 
 def verges(frame: np.ndarray) -> np.ndarray:

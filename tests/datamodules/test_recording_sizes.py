@@ -12,8 +12,8 @@ from tests.recordings import replace_in, write_recording
 from zoo.base.errors import InputError
 
 
-def notes(folder: Path, **said: object) -> str:
-    return "\n".join(read_recordings(str(folder), **said).notes)
+def notes(folder: Path, **options: object) -> str:
+    return "\n".join(read_recordings(str(folder), **options).notes)
 
 
 def test_images_that_no_record_names_are_counted(tmp_path: Path) -> None:

@@ -43,17 +43,17 @@ def test_a_folders_name_is_no_markup_of_the_progress_bar(tmp_path):
 def test_images_of_one_camera_for_all_rows_are_copies(two, console):
     views, _ = load_row_views(read_recordings(roots(two)), CAMERAS, VIEW, None, console)
     for _ in range(2):
-        taken = views.take(np.arange(14), 0)
-        np.testing.assert_array_equal(taken[9], view_of(two[1].image(1)))
-        taken[:] = 0
+        images = views.take(np.arange(14), 0)
+        np.testing.assert_array_equal(images[9], view_of(two[1].image(1)))
+        images[:] = 0
 
 
 def test_kept_rows_keep_their_images(two, console):
     views, _ = load_row_views(read_recordings(roots(two)), CAMERAS, VIEW, None, console)
     mask = np.ones(14, dtype=bool)
     mask[[0, 9]] = False
-    kept = views.keep(mask)
-    np.testing.assert_array_equal(kept.take(np.arange(12), 0), views.take(np.flatnonzero(mask), 0))
+    part = views.keep(mask)
+    np.testing.assert_array_equal(part.take(np.arange(12), 0), views.take(np.flatnonzero(mask), 0))
 
 
 def test_a_bad_image_is_named_by_its_row(two, console):

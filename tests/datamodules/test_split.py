@@ -34,9 +34,9 @@ def part_of_each_row(split: Split, rows: int) -> np.ndarray:
     return part
 
 
-def distance(one: np.ndarray, other: np.ndarray) -> int:
+def distance(rows: np.ndarray, other: np.ndarray) -> int:
     """Return the number of rows between the nearest rows of two parts."""
-    return int(np.abs(one[:, None] - other[None]).min())
+    return int(np.abs(rows[:, None] - other[None]).min())
 
 
 @given(rows=st.integers(60, 3000), seed=st.integers(0, 50))
@@ -44,8 +44,8 @@ def test_blocks_of_any_recording_are_apart(rows, seed):
     split = split_rows(driven(rows), "blocks", seed=seed)
     part_of_each_row(split, rows)
     gap = min(15, max(rows // 20, 1))  # a second, or less with shorter blocks
-    for one, other in (("train", "val"), ("train", "test"), ("val", "test")):
-        assert distance(getattr(split, one), getattr(split, other)) > gap
+    for part, other in (("train", "val"), ("train", "test"), ("val", "test")):
+        assert distance(getattr(split, part), getattr(split, other)) > gap
 
 
 def test_only_rows_near_another_part_are_dropped():

@@ -54,10 +54,10 @@ def test_the_same_bend_has_the_same_label_for_each_car(two_cars: Recording) -> N
 def test_each_car_steers_its_own_way_for_a_label(two_cars: Recording) -> None:
     label = curvature_label(two_cars)
     labels = in_label(two_cars, two_cars.steering, label)
-    for rig, own, steering in zip(
+    for rig, values, steering in zip(
         (UDACITY, LONG), np.split(labels, 2), np.split(two_cars.steering, 2), strict=True
     ):
-        np.testing.assert_allclose(label.steering(own, rig), steering, atol=1e-12)
+        np.testing.assert_allclose(label.steering(values, rig), steering, atol=1e-12)
 
 
 def test_a_sharp_driven_bend_widens_the_range() -> None:
@@ -73,8 +73,8 @@ def test_a_side_camera_adds_the_curvature_of_its_offset_for_its_car(two_cars: Re
     rows = np.arange(len(two_cars))
     samples = make_samples(labelled, rows, ["left"], 0.1, label=label)
     for number, rig in enumerate((UDACITY, LONG)):
-        own = two_cars.recording == number
-        added = (samples.steering - labelled.steering)[own] * label.curvature_per_m
+        mask = two_cars.recording == number
+        added = (samples.steering - labelled.steering)[mask] * label.curvature_per_m
         np.testing.assert_allclose(added, rig.curvature(0.1), rtol=1e-4)
 
 
@@ -124,8 +124,8 @@ def test_formats_with_keys_and_weights_of_their_own_train_on_one_unit(
     servo = {"steering": {"unit": "servo", "zero": 90, "full": 45}, **COLUMNS}
     settings = {"cache": None, "colour": "gray", "size": (16, 32), "block_s": 0.5, "gap_s": 0.1}
     settings |= {"batch_size": 16, "samples_per_epoch": 4000, "straight_cap": None}
-    own = {"label": "curvature", "each": {2: servo}, "weights": [1, 3]}
-    data = DataSettings([str(road), str(toy)], **own, **settings).load(Console(soft_wrap=True))
+    keys = {"label": "curvature", "each": {2: servo}, "weights": [1, 3]}
+    data = DataSettings([str(road), str(toy)], **keys, **settings).load(Console(soft_wrap=True))
 
     driven = np.split(data.labelled.steering * data.label.curvature_per_m, 2)
     for curvature, wheels_deg, wheelbase_m in zip(driven, (31.745, 60), (2.85, 3), strict=True):

@@ -237,8 +237,8 @@ def check_refusal(message: str, paths: list[str], cache: Path) -> None:
     assert len(list(cache.glob("*.npy"))) == 1
     assert not list(cache.glob("*.part"))
     again = Count()
-    kept = load_views(paths[:5], VIEW, cache, again).views
-    np.testing.assert_array_equal(kept, expected(paths[:5]))
+    views = load_views(paths[:5], VIEW, cache, again).views
+    np.testing.assert_array_equal(views, expected(paths[:5]))
     assert again.decoded == 0
 
 

@@ -88,7 +88,7 @@ def run_here(cwd: Path, *arguments: str, module: str = "zoo") -> subprocess.Comp
                 runpy.run_module(module, run_name="__main__")
         except SystemExit as end:
             status = int(end.code or 0)
-    texts = [one.buffer.getvalue().decode() for one in printed if one.flush() is None]
+    texts = [stream.buffer.getvalue().decode() for stream in printed if stream.flush() is None]
     return subprocess.CompletedProcess(arguments, status, *texts)
 
 
@@ -106,8 +106,8 @@ def last_of_each(module: str, arguments: Sequence[str]) -> list[str]:
 
 def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedProcess:
     """Return the output and exit status of a program in a process and an environment of its own."""
-    known = environment() | variables
-    return subprocess.run(words, cwd=cwd, env=known, timeout=240, **CAPTURED)
+    env = environment() | variables
+    return subprocess.run(words, cwd=cwd, env=env, timeout=240, **CAPTURED)
 
 
 def train_in_fork(

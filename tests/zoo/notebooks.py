@@ -22,11 +22,11 @@ def run_notebook(name: str, **parameters: object) -> dict[str, object]:
     replaced = False
     for cell in cells:
         if cell["cell_type"] == "code":
-            place, code = f"{name}, {cell['id']}", ast.parse("".join(cell["source"]))
+            label, code = f"{name}, {cell['id']}", ast.parse("".join(cell["source"]))
             last = code.body.pop() if isinstance(code.body[-1], ast.Expr) else None
-            exec(compile(code, place, "exec"), variables)
+            exec(compile(code, label, "exec"), variables)
             if last:
-                shown.append(eval(compile(ast.Expression(last.value), place, "eval"), variables))
+                shown.append(eval(compile(ast.Expression(last.value), label, "eval"), variables))
             if "parameters" in cell["metadata"].get("tags", ()):
                 assert set(parameters) <= set(variables)
                 variables |= parameters

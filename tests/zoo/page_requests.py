@@ -14,9 +14,9 @@ def ask(port: int, method: str, path: str, body: object = None, **headers: str) 
     """
     is_json = body is not None and not isinstance(body, bytes)
     kind = {"Content-Type": "application/json"} if is_json else {}
-    named = {name.replace("_", "-"): value for name, value in headers.items()}
+    fields = {name.replace("_", "-"): value for name, value in headers.items()}
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
     with contextlib.closing(connection):
-        connection.request(method, path, json.dumps(body) if is_json else body, kind | named)
+        connection.request(method, path, json.dumps(body) if is_json else body, kind | fields)
         answer = connection.getresponse()
         return answer.status, answer.headers["Content-Type"], answer.read()

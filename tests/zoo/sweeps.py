@@ -37,7 +37,7 @@ def write_run(
     metrics |= {"drive": drive, "data": {"fingerprint": fingerprint, "rows": 900}} | more
     (folder / ".hydra").mkdir(parents=True)
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    settings = dict(one.split("=", 1) for one in overrides)
+    settings = dict(override.split("=", 1) for override in overrides)
     config = {"seed": seed, "data": {"root": root}, **settings}
     (folder / ".hydra" / "config.yaml").write_text(json.dumps(config))
     (folder / ".hydra" / "overrides.yaml").write_text(json.dumps([*overrides, f"seed={seed}"]))

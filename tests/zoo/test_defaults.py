@@ -43,13 +43,13 @@ def parts(node: object) -> Iterator[tuple[Callable, dict]]:
 
 def repeated() -> list[tuple[str, Callable, dict]]:
     """Return the files of `conf` with the class of each part, and its arguments there."""
-    found = []
+    rows = []
     for path in sorted(CONF.rglob("*.yaml")):
         name = path.relative_to(CONF).as_posix()
         values = OmegaConf.to_container(OmegaConf.load(path))
-        found += [(name, kind, keys) for kind, keys in parts(values)]
-        found += [(name, CLASSES[name], values)] if name in CLASSES else []
-    return found
+        rows += [(name, kind, keys) for kind, keys in parts(values)]
+        rows += [(name, CLASSES[name], values)] if name in CLASSES else []
+    return rows
 
 
 @pytest.mark.parametrize(("file", "kind", "keys"), repeated(), ids=lambda value: str(value)[:40])

@@ -86,10 +86,10 @@ def test_what_hides_a_package_is_named(hidden: str, how: str, tmp_path: Path) ->
     (tmp_path / hidden).write_text("")
     result = start(tmp_path, how)
     assert result.returncode
-    said = result.stdout + result.stderr
-    assert "hides drivezoo's own package" in said
-    assert str(tmp_path / hidden) in said
-    assert "rename it" in said
+    printed = result.stdout + result.stderr
+    assert "hides drivezoo's own package" in printed
+    assert str(tmp_path / hidden) in printed
+    assert "rename it" in printed
 
 
 @pytest.mark.parametrize("how", STARTS)

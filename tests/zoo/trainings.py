@@ -74,8 +74,8 @@ def metrics(run_folder: Path) -> dict:
     return json.loads((run_folder / "metrics.json").read_text())
 
 
-def equal(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
-    return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
+def equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
+    return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
 
 
 # A training of seconds; the blocks are short, since the recording is.

@@ -41,7 +41,7 @@ def write_network(
 ) -> Path:
     """Write a checkpoint of a network, and return its path."""
     card = make_card(config, view, {"fingerprint": "0" * 16, "rows": 10})
-    state = {f"network.{name}": one for name, one in network.state_dict().items()}
+    state = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     torch.save({"drivezoo": card, "state_dict": state, "epoch": epoch}, path)
     return path

@@ -65,8 +65,8 @@ def test_a_clip_of_one_bend_is_no_other_unit(middle: float, tmp_path: Path) -> N
     with pytest.raises(InputError, match="on one side of 0") as caught:
         read_recordings(str(folder), format="table", columns=COLUMNS)
     assert "not share" not in str(caught.value)
-    said = re.search(r"name 'data\.steering=(\{[^}]*\})'", str(caught.value))
-    recording = read_recordings(str(folder), format="table", columns=COLUMNS, steering=said[1])
+    match = re.search(r"name 'data\.steering=(\{[^}]*\})'", str(caught.value))
+    recording = read_recordings(str(folder), format="table", columns=COLUMNS, steering=match[1])
     assert recording.steering == pytest.approx(middle + STEERING / 9)
 
 
@@ -121,8 +121,8 @@ def test_a_parquet_table_names_or_holds_its_images(stored: bool, tmp_path: Path)
     data = [{"bytes": (folder / name).read_bytes(), "path": "x"} for name in names]
     columns = {"turn": STEERING, "view": data if stored else names, "s": np.arange(ROWS) / 20}
     parquet.write_table(pa.table(columns), folder / "rows.parquet")
-    said = {"columns": "{image: view, steering: turn, time: s}"}
-    recording = read(folder / "rows.parquet", **said)
+    options = {"columns": "{image: view, steering: turn, time: s}"}
+    recording = read(folder / "rows.parquet", **options)
     assert recording.steering == pytest.approx(STEERING)
     last = cv2.imread(str(folder / names[-1]))[:, :, ::-1]
     np.testing.assert_array_equal(recording.image(ROWS - 1), last)

@@ -39,9 +39,9 @@ BYTES: dict[str, Callable[[list[bytes]], object]] = {
     "large_binary": lambda data: pa.array(data, pa.large_binary()),  # as polars writes them
     "binary_view": lambda data: pa.array(data, pa.binary_view()),
     "dictionary": lambda data: pa.array(data).dictionary_encode(),
-    "struct": lambda data: pa.array([{"bytes": one, "path": "/etc/passwd"} for one in data]),
+    "struct": lambda data: pa.array([{"bytes": image, "path": "/etc/passwd"} for image in data]),
     "large struct": lambda data: pa.array(
-        [{"bytes": one} for one in data], pa.struct([("bytes", pa.large_binary())])
+        [{"bytes": image} for image in data], pa.struct([("bytes", pa.large_binary())])
     ),
 }
 

@@ -27,8 +27,8 @@ def write(folder: Path, header: str, path: str = "IMG/{}.jpg", form: str = "{pat
     return folder / "labels.csv"
 
 
-def read(table: Path, columns: object = NAMED, **said: object) -> Recording:
-    return read_recordings(str(table), format="table", columns=columns, **said)
+def read(table: Path, columns: object = NAMED, **options: object) -> Recording:
+    return read_recordings(str(table), format="table", columns=columns, **options)
 
 
 def check_whole(recording: Recording) -> None:

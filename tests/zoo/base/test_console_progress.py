@@ -112,7 +112,7 @@ def test_evaluate_shows_its_work_from_loading_on(run_folder: Path, tmp_path: Pat
     options = ("laps=0.03", "quality=simple", f"out={tmp_path / 'out'}")
     printed = on_a_terminal(tmp_path, *command("zoo.commands.evaluate", str(run_folder), *options))
     loads, drives, table = (
-        printed.find(one) for one in ("loading PyTorch", "1 drive of 0.03 laps", "autonomy")
+        printed.find(text) for text in ("loading PyTorch", "1 drive of 0.03 laps", "autonomy")
     )
     assert 0 <= loads < drives < table
 

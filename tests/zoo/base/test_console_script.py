@@ -26,7 +26,7 @@ LAST = "import atexit, gc; atexit.register(lambda: print('frozen', gc.get_freeze
 def test_every_command_has_a_name_and_a_purpose(tmp_path: Path) -> None:
     lines = drivezoo(tmp_path, "--help").stdout.splitlines()
     for name in ("train", "drive", "evaluate", "leaderboard", "film", "check", "simulator"):
-        (line,) = [one for one in lines if one.split()[:1] == [name]]
+        (line,) = [text for text in lines if text.split()[:1] == [name]]
         assert len(line.split()) > 3
     assert "losses" not in commands()
     assert "cli" not in commands()

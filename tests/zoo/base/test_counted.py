@@ -32,12 +32,12 @@ def test_lines_of_one_drive_and_one_thread() -> None:
 
 
 def test_no_other_code_decides_on_a_plural() -> None:
-    own = ROOT / "zoo" / "base" / "terminal.py"
+    terminal = ROOT / "zoo" / "base" / "terminal.py"
     files = [p for room in ("zoo", "datamodules") for p in (ROOT / room).rglob("*.py")]
-    found = {
+    matches = {
         f"{path.relative_to(ROOT)}: {match[0]}"
         for path in files
         for match in BY_HAND.finditer(path.read_text(encoding="utf-8"))
-        if path != own
+        if path != terminal
     }
-    assert found == set()
+    assert matches == set()

@@ -36,7 +36,7 @@ def test_side_cameras_stand_to_the_left_and_right_of_the_centre_one(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "place"),
+    ("old", "new", "key"),
     [
         ("[640, 480]", "[640, 0]", "camera.size.1"),
         ("vertical_fov_deg: 40", "fov: 40", "camera.vertical_fov_deg"),
@@ -46,10 +46,10 @@ def test_side_cameras_stand_to_the_left_and_right_of_the_centre_one(tmp_path: Pa
         ("name", "cars", "cars"),
     ],
 )
-def test_an_impossible_number_is_named(old: str, new: str, place: str, tmp_path: Path) -> None:
+def test_an_impossible_number_is_named(old: str, new: str, key: str, tmp_path: Path) -> None:
     path = tmp_path / "rig.yaml"
     path.write_text(TEXT.replace(old, new, 1))
-    with pytest.raises(InputError, match=rf"rig\.yaml: {place}: .*; correct it"):
+    with pytest.raises(InputError, match=rf"rig\.yaml: {key}: .*; correct it"):
         read_rig(path)
 
 
@@ -76,8 +76,8 @@ def test_a_rig_that_is_written_drives_the_same(name: str, tmp_path: Path) -> Non
     rig = RIGS[name]
     assert again.steering_deg == rig.steering_deg
     assert again.wheelbase_m == pytest.approx(rig.wheelbase_m)
-    lens, own = again.cameras["center"], rig.cameras["center"]
-    assert lens.ahead_m + again.rear_axle_m == pytest.approx(own.ahead_m + rig.rear_axle_m)
+    lens, original = again.cameras["center"], rig.cameras["center"]
+    assert lens.ahead_m + again.rear_axle_m == pytest.approx(original.ahead_m + rig.rear_axle_m)
 
 
 BONNET = "own_car: [[[0, 480], [320, 400.5], [640, 480]]]"

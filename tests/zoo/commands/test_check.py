@@ -214,7 +214,7 @@ def test_the_advice_on_held_out_rows_is_no_other_command_than_the_next() -> None
 
 
 def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
-    folders = [str(write_recording(tmp_path / one, rows=60).folder) for one in ("a", "b's [2]")]
+    folders = [str(write_recording(tmp_path / name, rows=60).folder) for name in ("a", "b's [2]")]
     command = shlex.split(run_check(*folders).stdout.splitlines()[-1].partition(": ")[2])
     _, override = OverridesParser.create().parse_overrides(command[2:])
     assert (override.key_or_group, override.value()) == ("data.root", folders)

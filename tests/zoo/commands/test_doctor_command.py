@@ -25,7 +25,7 @@ from zoo.server.machine_checks import FAULT, WARNING, check_device
 
 def run_doctor(cwd: Path, *arguments: object, **more: str) -> subprocess.CompletedProcess:
     """Run the doctor, on a free port: a driver may use the default one."""
-    ports = [] if any(str(one).startswith("port=") for one in arguments) else [free_port()]
+    ports = [] if any(str(word).startswith("port=") for word in arguments) else [free_port()]
     with pytest.MonkeyPatch.context() as patch:
         for name, value in ({"COLUMNS": "400"} | more).items():
             patch.setenv(name, value)
@@ -94,7 +94,7 @@ def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "version", "found", "fix"),
+    ("name", "version", "words", "fix"),
     [
         ("lightning", "2.6.2", "lightning 2.6.2 carries malware", "pip uninstall lightning"),
         ("lightning", "2.5.6", " 2.5.6 is installed, ", ""),
@@ -102,7 +102,7 @@ def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
     ],
 )
 def test_a_package_with_malware_or_without_what_drivezoo_calls_is_a_fault(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, version: str, found: str, fix: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, version: str, words: str, fix: str
 ) -> None:
     """2.5 has no Trainer.fit(weights_only=...), 4.10 no IMREAD_COLOR_RGB."""
     info = tmp_path / f"{name}-{version}.dist-info"
@@ -110,9 +110,9 @@ def test_a_package_with_malware_or_without_what_drivezoo_calls_is_a_fault(
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
     monkeypatch.syspath_prepend(tmp_path)
 
-    (fault,) = (one for one in machine.check_packages() if one.state == FAULT)
+    (fault,) = (check for check in machine.check_packages() if check.state == FAULT)
 
-    assert found in fault.found
+    assert words in fault.found
     assert fix in fault.fix
 
 

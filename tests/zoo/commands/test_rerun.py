@@ -26,7 +26,7 @@ def test_a_run_is_repeated_to_the_digit(
     monkeypatch.chdir(recorded.folder.parent)
     folder = tmp_path / "run"
     arguments = [
-        *(one for one in SMALL if not one.startswith(("model", "score"))),
+        *(setting for setting in SMALL if not setting.startswith(("model", "score"))),
         *("model=lenet", "score=lake", "score.laps=0.02", "score.quality=simple"),
         *("score.film=false", "data.root=lake", f"data.cache={tmp_path}/cache"),
         *("trainer.max_epochs=2", f"hydra.run.dir={folder}"),
@@ -46,8 +46,8 @@ def test_a_run_is_repeated_to_the_digit(
     again = json.loads((tmp_path / "again" / "metrics.json").read_text())
     assert again["open_loop"] == metrics["open_loop"]
     assert again["drive"]["tracks"]["lake"]["cte_mean_m"] is not None
-    found, count = differences(metrics["open_loop"], again["open_loop"])
-    assert (found, count) == ([], 12)
+    changes, count = differences(metrics["open_loop"], again["open_loop"])
+    assert (changes, count) == ([], 12)
     # The folder exists now: the command must not train again.
     assert run_command("zoo.commands.rerun", rerun.main, ["run", "out=again"]) == 1
     assert "out=" in capsys.readouterr().err
@@ -56,8 +56,8 @@ def test_a_run_is_repeated_to_the_digit(
 def test_differences_are_named_and_times_are_ignored() -> None:
     then = {"drive": {"lake": {"autonomy": [1.0, 0.0], "latency_ms": [2.0, 0.1]}}, "epochs": 3}
     now = {"drive": {"lake": {"autonomy": [0.9, 0.0], "latency_ms": [3.0, 0.1]}}, "epochs": 3}
-    (found,), count = differences(then, now)
-    assert found == ("drive.lake.autonomy.0", 1.0, 0.9)
+    (change,), count = differences(then, now)
+    assert change == ("drive.lake.autonomy.0", 1.0, 0.9)
     assert count == 3
 
 

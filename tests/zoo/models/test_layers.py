@@ -22,8 +22,8 @@ def test_drops_at_its_rate_and_scales_the_rest(rate: float, layout: torch.memory
     ones = torch.ones(SHAPE).to(memory_format=layout).requires_grad_(True)
     out = Dropout(rate).train()(ones)
     assert (out == 0).float().mean().item() == pytest.approx(rate, abs=0.005)
-    kept = out[out != 0]
-    torch.testing.assert_close(kept, torch.full_like(kept, 1 / (1 - rate)), rtol=1e-3, atol=0)
+    passed = out[out != 0]
+    torch.testing.assert_close(passed, torch.full_like(passed, 1 / (1 - rate)), rtol=1e-3, atol=0)
     assert out.is_contiguous(memory_format=layout)
     out.sum().backward()
     assert torch.equal(ones.grad, out.detach()), "a dropped value has no gradient"
@@ -92,12 +92,12 @@ def test_compiled_dropout_draws_from_the_seed() -> None:
 
     compiled, ones = torch.compile(both, dynamic=False), torch.ones(SHAPE, requires_grad=True)
     torch.manual_seed(5)
-    one, other = compiled(ones)
+    first, second = compiled(ones)
     torch.manual_seed(5)
     again, _ = compiled(ones)
-    assert torch.equal(one, again)
-    assert not torch.equal(one, other)
-    assert (one == 0).float().mean().item() == pytest.approx(0.5, abs=0.005)
-    assert one.unique().tolist() == [0.0, 2.0]
-    (one.sum() + 2 * other.sum()).backward()
-    torch.testing.assert_close(ones.grad, (one + 2 * other).detach())
+    assert torch.equal(first, again)
+    assert not torch.equal(first, second)
+    assert (first == 0).float().mean().item() == pytest.approx(0.5, abs=0.005)
+    assert first.unique().tolist() == [0.0, 2.0]
+    (first.sum() + 2 * second.sum()).backward()
+    torch.testing.assert_close(ones.grad, (first + 2 * second).detach())

@@ -58,7 +58,7 @@ def test_stepping_through_a_window_gives_its_last_row(name: str, sequence: int) 
 def test_cars_have_states_of_their_own(name: str) -> None:
     network = memory_of(name, "model.sequence=4")
     images = windows(network, 3)
-    alone = torch.cat([stepped(network, one[None]) for one in images])
+    alone = torch.cat([stepped(network, window[None]) for window in images])
     torch.testing.assert_close(stepped(network, images), alone)
 
 

@@ -72,9 +72,9 @@ def test_written_metrics_are_read(tmp_path: Path) -> None:
     metrics = {"model": "tiny", "drive": {"tracks": tracks}, "wall_s": math.nan}
     path = write_metrics_file(tmp_path, metrics)
     assert json.loads(path.read_text())["version"] == VERSION
-    found = read_metrics_file(tmp_path)
-    assert (found["version"], found["wall_s"]) == (VERSION, None)
-    assert found["drive"]["tracks"]["lake"]["autonomy"] == (0.9, 0.1)
+    metrics = read_metrics_file(tmp_path)
+    assert (metrics["version"], metrics["wall_s"]) == (VERSION, None)
+    assert metrics["drive"]["tracks"]["lake"]["autonomy"] == (0.9, 0.1)
 
 
 @pytest.mark.parametrize("version", [{}, {"version": 2}, {"version": "1"}])
@@ -142,31 +142,31 @@ def copy(tmp_path: Path) -> Path:
 
 
 def test_a_copy_has_the_same_hash_and_any_change_another(copy: Path) -> None:
-    def found() -> str:
+    def digest() -> str:
         return hash_of_code(copy, copy / "conf")
 
     hashes = [code_fingerprint()["hash"]]
-    assert found() == hashes[0]
+    assert digest() == hashes[0]
     (copy / "zoo" / "notes.txt").write_text("no code")
     other = copy / "hydra_plugins" / "hydra_other" / "plugin.py"
     other.parent.mkdir()
     other.write_text("# another package's")
-    assert found() == hashes[0]
+    assert digest() == hashes[0]
     for name in ("zoo/models/lenet.py", "conf/optim/adam.yaml"):
         with (copy / name).open("a") as file:
             file.write("# changed\n")
-        hashes.append(found())
+        hashes.append(digest())
     (copy / "zoo" / "new.py").touch()
-    hashes.append(found())
+    hashes.append(digest())
     (copy / "zoo" / "new.py").rename(copy / "zoo" / "renamed.py")
-    hashes.append(found())
+    hashes.append(digest())
     assert len(set(hashes)) == 5
 
 
 def test_the_commit_is_only_that_of_our_own_checkout(tmp_path: Path) -> None:
     def git(*arguments: str) -> str:
-        named = ("-c", "user.name=a", "-c", "user.email=a@b")
-        command = ["git", "-C", str(tmp_path), *named, *arguments]
+        author = ("-c", "user.name=a", "-c", "user.email=a@b")
+        command = ["git", "-C", str(tmp_path), *author, *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
     inner = tmp_path / "site-packages"

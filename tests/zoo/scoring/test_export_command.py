@@ -71,7 +71,7 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
     result = run_here(cwd, *arguments, module="zoo.commands.export")
     assert (result.returncode, result.stderr) == (0, "")
     assert (cwd / "secret.txt").read_text() == "mine"
-    assert {one.name for one in cwd.iterdir()} == {"model.onnx", "model.onnx.part", "secret.txt"}
+    assert {path.name for path in cwd.iterdir()} == {"model.onnx", "model.onnx.part", "secret.txt"}
     for text in ("PilotNet", "252,219 parameters", "difference", str(recorded.folder)):
         assert text in result.stdout
     assert result.stdout.strip().endswith("drivezoo drive model.onnx")
@@ -105,7 +105,7 @@ def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_pat
 
 def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> None:
     model = onnx.load(exported)
-    texts = {one.key: one.value for one in model.metadata_props}
+    texts = {entry.key: entry.value for entry in model.metadata_props}
     card = json.loads(texts[CARD])
     for part in ("252,219 parameters", "negative is left", "with onnxruntime", "Intended use"):
         assert part in texts[MODEL_CARD]
@@ -117,7 +117,7 @@ def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> Non
     assert card["data"]["fingerprint"]
     assert "uint8 [batch, 3, 66, 200]" in model.doc_string
     assert "in RGB, then resized by area" in model.doc_string
-    assert [one.version for one in model.opset_import] == [17]
+    assert [opset.version for opset in model.opset_import] == [17]
 
 
 @pytest.mark.parametrize(
@@ -191,9 +191,9 @@ def test_it_scores_as_its_checkpoint(exported: Path, checkpoint: Path, tmp_path:
     scenario = Scenario("lake", laps=0.01, speed=25, quality="simple")
     (driven,) = all_drives(str(checkpoint), [scenario])
     keys = ("cte_mean_m", "laps", "speed_mph")
-    found, expected = ([figures[key] for key in keys] for figures in (scored, measure(driven)))
+    measured, expected = ([figures[key] for key in keys] for figures in (scored, measure(driven)))
     # A place that differs in its last digit changes a few pixels, and with them the steering.
-    assert found == pytest.approx(expected, rel=1e-2)
+    assert measured == pytest.approx(expected, rel=1e-2)
 
 
 def test_the_doctor_checks_it(exported: Path, recorded: Written) -> None:

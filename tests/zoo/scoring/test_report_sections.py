@@ -131,10 +131,10 @@ def test_the_worst_moments_are_not_near(drive: list[tuple[float, bool]], count: 
     moments = WorstMoments(count)
     for row in rows:
         moments(FRAME, row)
-    kept = [row for _, row, _ in moments.moments]
-    assert 1 <= len(kept) <= count
-    assert max(map(badness, kept)) == max(map(badness, rows))
-    assert np.diff([row.time_s for row in kept]).min(initial=9.0) >= moments.apart_s
+    worst = [row for _, row, _ in moments.moments]
+    assert 1 <= len(worst) <= count
+    assert max(map(badness, worst)) == max(map(badness, rows))
+    assert np.diff([row.time_s for row in worst]).min(initial=9.0) >= moments.apart_s
     assert all(rows[number] is row for number, row, _ in moments.moments)
 
 

@@ -54,8 +54,8 @@ def speeds(scenario: Scenario, throttle: float | None) -> np.ndarray:
 
 
 def test_it_starts_from_a_standstill_and_goes_as_fast_as_its_throttle() -> None:
-    own = Scenario("lake", 1, laps=0.3, speed=15, throttle="network")
-    slow, fast = speeds(own, 0.1), speeds(own, 0.2)
+    scenario = Scenario("lake", 1, laps=0.3, speed=15, throttle="network")
+    slow, fast = speeds(scenario, 0.1), speeds(scenario, 0.2)
     assert slow[0] == fast[0] == 0
     assert 5 < slow[-1] < fast[-1]
     assert (np.diff(slow[:60]) > 0).all()
@@ -75,7 +75,7 @@ def test_a_network_that_gives_none_is_refused() -> None:
 
 
 def test_the_expert_beside_it_drives_with_its_own_throttle_too() -> None:
-    per_s = [expert_steering_per_s(Scenario("lake", throttle=one)) for one in ("hold", "network")]
+    per_s = [expert_steering_per_s(Scenario("lake", throttle=mode)) for mode in ("hold", "network")]
     assert per_s[0] < per_s[1], "it is faster, and so in more bends a second"
 
 

@@ -23,11 +23,11 @@ def line_fit(optimizer_of, captures: bool, broken: type[Exception] | None = None
     torch.manual_seed(0)
     line, console = nn.Linear(3, 1), Console(file=StringIO(), width=300)
     batches = [{"images": torch.randn(8, 3), "targets": torch.randn(8, 1)} for _ in range(STEPS)]
-    optimizer, taken = optimizer_of(line.parameters()), []
+    optimizer, inputs = optimizer_of(line.parameters()), []
 
     def step(batch: dict) -> torch.Tensor:
-        taken.append(batch)
-        if broken and len(taken) == 2:
+        inputs.append(batch)
+        if broken and len(inputs) == 2:
             raise broken("it is broken")
         loss = (line(batch["images"]) - batch["targets"]).square().mean()
         optimizer.zero_grad()

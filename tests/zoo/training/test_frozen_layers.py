@@ -131,8 +131,8 @@ def test_a_run_on_cached_features_is_the_run_without(
         assert (cached[name] - plain[name]).norm() < 0.05 * learnt[name].norm(), name
     images = torch.from_numpy(data.views.take(np.arange(8), CENTER)).permute(0, 3, 1, 2)
     with torch.inference_mode():
-        one, other = (module.network.eval()(images) for module in (ours, theirs))
-    torch.testing.assert_close(one, other, rtol=2e-3, atol=2e-4)
+        output, other = (module.network.eval()(images) for module in (ours, theirs))
+    torch.testing.assert_close(output, other, rtol=2e-3, atol=2e-4)
 
 
 def test_features_behind_frozen_batch_normalization_are_cached(
@@ -206,9 +206,9 @@ def test_auto_computes_nothing_where_it_cannot_or_does_not_pay(
     files = set(cache.iterdir())
     module, _, _ = prepare(config, tmp_path / "run", console)
     assert not module.skips_front
-    said = console.file.getvalue()
-    assert words in said
-    assert said.count("\n") == (1 if words else 0)
+    printed = console.file.getvalue()
+    assert words in printed
+    assert printed.count("\n") == (1 if words else 0)
     assert set(cache.iterdir()) == files
 
 

@@ -72,7 +72,7 @@ def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
 def test_a_state_dict_that_does_not_fit_names_the_tensor(change, words, tmp_path: Path) -> None:
     network, _ = build("lenet")
     state = {**network.state_dict(), **change}
-    torch.save({name: one for name, one in state.items() if one is not None}, tmp_path / "x.pth")
+    torch.save({name: item for name, item in state.items() if item is not None}, tmp_path / "x.pth")
     with pytest.raises(InputError, match=words):
         load_weights(network, str(tmp_path / "x.pth"))
 

@@ -153,9 +153,9 @@ def test_the_command_after_a_training_without_a_rig_writes_one(unknown: Path) ->
     )
 
 
-@pytest.mark.parametrize("place", ["data.rig=my_car.yaml", "run/rig.yaml", "tub/rig.yaml"])
+@pytest.mark.parametrize("source", ["data.rig=my_car.yaml", "run/rig.yaml", "tub/rig.yaml"])
 def test_a_rig_is_added_to_a_finished_run_whose_replays_are_of_its_car(
-    unknown: Path, tmp_path: Path, place: str
+    unknown: Path, tmp_path: Path, source: str
 ) -> None:
     for name in ("run", "tub"):
         shutil.copytree(unknown / name, tmp_path / name)
@@ -166,14 +166,14 @@ def test_a_rig_is_added_to_a_finished_run_whose_replays_are_of_its_car(
     ), "what is not filled in is named"
     numbers = iter(["[320, 160]", "60", "1.2", "2.87", "25"])
     path.write_text(re.sub(r"\bnull\b(?= +#)", lambda _: next(numbers), path.read_text()))
-    if "=" not in place:
-        path.rename(tmp_path / place)
-    words = ["run", "tub", "out=out"] + ([place] if "=" in place else [])
+    if "=" not in source:
+        path.rename(tmp_path / source)
+    words = ["run", "tub", "out=out"] + ([source] if "=" in source else [])
     printed = succeed(run_here(tmp_path, *words, module="zoo.commands.replay"))
     assert "rig: my_car" in printed
     assert "another car's network" not in printed
     card = load_checkpoint(tmp_path / "run" / "checkpoints" / "best.ckpt").data
-    assert card["source"] == ("my_car" if place.startswith("run") else "a car of unknown make")
+    assert card["source"] == ("my_car" if source.startswith("run") else "a car of unknown make")
 
 
 @pytest.mark.parametrize(
@@ -207,14 +207,14 @@ def test_a_replay_reads_a_recording_as_in_training_unless_the_user_says_otherwis
     trained = Policy()
     trained.config = {"data": {"root": "drives", "format": "table", "steering": "{unit: rad}"}}
 
-    def said(folder: str, **typed: str) -> dict:
+    def keys(folder: str, **typed: str) -> dict:
         return read_as_trained([Policy(), trained], folder, ReadOptions(**typed))
 
-    assert said("drives") == {"format": "table", "steering": "{unit: rad}"}
-    assert said("drives", steering="{unit: deg}") == {"format": "table", "steering": "{unit: deg}"}
+    assert keys("drives") == {"format": "table", "steering": "{unit: rad}"}
+    assert keys("drives", steering="{unit: deg}") == {"format": "table", "steering": "{unit: deg}"}
     table = {"rig": "my.yaml", "format": "table", "columns": "{image: path, steering: angle}"}
-    assert said("others", **table) == table
+    assert keys("others", **table) == table
     several = {"root": ["drives", "others"], "each": {2: {"steering": "{unit: deg}"}}}
     trained.config["data"] |= several
-    assert said("drives") == {"format": "table", "steering": "{unit: rad}"}
-    assert said("others") == {"format": "table", "steering": "{unit: deg}"}
+    assert keys("drives") == {"format": "table", "steering": "{unit: rad}"}
+    assert keys("others") == {"format": "table", "steering": "{unit: deg}"}

@@ -80,7 +80,7 @@ def test_what_lightning_does_by_the_step_keeps_steps_apart(
         (("+callbacks.mine._target_=lightning.pytorch.callbacks.Timer",), 1),
         ((f"+callbacks.mine._target_={MINE}.QuietCallback",), GROUP),
     ],
-    ids=lambda one: one[0] if isinstance(one, tuple) and one else "",
+    ids=lambda value: value[0] if isinstance(value, tuple) and value else "",
 )
 def test_what_looks_at_batches_or_steps_keeps_them_apart(
     overrides: tuple[str, ...], count: int, recorded: Written, tmp_path: Path
@@ -133,15 +133,15 @@ def test_compiled_it_learns_the_same_and_repeats_to_the_bit(
         torch.testing.assert_close(compiled[name], tensor, rtol=0.02, atol=2e-4)
 
 
-@pytest.mark.parametrize(("precision", "said"), [("bf16-mixed", True), ("32-true", False)])
+@pytest.mark.parametrize(("precision", "warning"), [("bf16-mixed", True), ("32-true", False)])
 def test_bf16_that_the_processor_does_not_know_is_said(
-    precision: str, said: bool, recorded: Written, tmp_path: Path, console: Console, monkeypatch
+    precision: str, warning: bool, recorded: Written, tmp_path: Path, console: Console, monkeypatch
 ) -> None:
     monkeypatch.setattr(plan, "multiplies_bf16", lambda: False)
     overrides = ("model=tiny", "data.crop=[50,0]", "trainer.max_epochs=1")
     overrides += ("trainer.accelerator=cpu", f"trainer.precision={precision}")
     train_here(recorded, tmp_path, *overrides, console=console)
-    assert ("has no instructions for it" in console.file.getvalue()) is said
+    assert ("has no instructions for it" in console.file.getvalue()) is warning
 
 
 def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> None:

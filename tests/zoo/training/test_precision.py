@@ -54,8 +54,8 @@ def test_network_processor_and_config_choose(
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: bf16)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert precision.choose_precision(*network_of(*overrides), console, before) == chosen
-    said = console.file.getvalue()
-    assert all(part in said for part in printed) if printed else said == ""
+    text = console.file.getvalue()
+    assert all(part in text for part in printed) if printed else text == ""
 
 
 @pytest.mark.parametrize("model", ["lenet", "nvidia", "tiny", "cnn_gru"])
@@ -70,7 +70,7 @@ def test_a_choice_leaves_the_network_in_training(model: str, console: Console) -
 
 def test_a_sweep_chooses_for_all_its_machines(console: Console) -> None:
     given = network_of("model=nvidia")
-    chosen = [precision.choose_precision(*given, console, bf16=known) for known in (True, False)]
+    chosen = [precision.choose_precision(*given, console, bf16=bf16) for bf16 in (True, False)]
     assert chosen == ["bf16-mixed", "32-true"]
 
 

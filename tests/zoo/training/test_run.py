@@ -108,9 +108,9 @@ def test_ctrl_c_saves_and_prints_how_to_resume(recorded: Written, tmp_path: Path
     finally:
         process.kill()
     assert process.returncode == 130
-    said = printed.strip().splitlines()[-1]
-    assert said.startswith("drivezoo train: stopped in epoch ")
-    assert said.endswith(f"resume with: drivezoo train resume={tmp_path / 'run'}")
+    line = printed.strip().splitlines()[-1]
+    assert line.startswith("drivezoo train: stopped in epoch ")
+    assert line.endswith(f"resume with: drivezoo train resume={tmp_path / 'run'}")
     assert "Traceback" not in printed
     load_checkpoint(tmp_path / "run" / "checkpoints" / "last.ckpt")
     assert status(tmp_path / "run") == "stopped"

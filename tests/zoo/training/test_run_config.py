@@ -47,8 +47,8 @@ def test_a_folder_of_the_users_own_choices(tmp_path: Path) -> None:
     (tmp_path / "own" / "model").mkdir(parents=True)
     (tmp_path / "own" / "model" / "mine.yaml").write_text("defaults: [lenet]\nwidth: 0.5\n")
     arguments = (f"--config-dir={tmp_path}/own", "model=mine", "data.root=nofolder")
-    for named in ((), ("hydra.run.dir=run",)):
-        result = run_here(tmp_path, *arguments, *named)
+    for keys in ((), ("hydra.run.dir=run",)):
+        result = run_here(tmp_path, *arguments, *keys)
         assert only_line(result).startswith("drivezoo train: nofolder: no such folder")
     config = OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml")
     assert config.model.width == 0.5
@@ -56,7 +56,7 @@ def test_a_folder_of_the_users_own_choices(tmp_path: Path) -> None:
 
 
 def windowed(model: dict, **data: object) -> DictConfig:
-    config = OmegaConf.create(compose_config([f"data.{key}={one}" for key, one in data.items()]))
+    config = OmegaConf.create(compose_config([f"data.{key}={item}" for key, item in data.items()]))
     config.model.update(model)
     OmegaConf.set_struct(config, True)
     return config

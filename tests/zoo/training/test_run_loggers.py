@@ -25,7 +25,7 @@ def test_tensorboard_has_the_config_the_scores_and_the_report(train, tmp_path: P
     events = EventAccumulator(str(tmp_path / "run"))
     events.Reload()
     assert {"final/val/mse", "val/mse"} <= set(events.Tags()["scalars"])
-    assert any("report" in one for one in events.Tags()["tensors"])
+    assert any("report" in tag for tag in events.Tags()["tensors"])
 
 
 def test_mlflow_has_the_name_the_config_the_scores_and_the_report(train, tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_mlflow_has_the_name_the_config_the_scores_and_the_report(train, tmp_pat
     assert (run.info.run_name, run.data.tags["model"]) == ("run", "tiny")
     assert run.data.params["data.batch_size"] == "16"
     assert "final/val/mse" in run.data.metrics
-    assert [one.path for one in client.list_artifacts(run.info.run_id)] == ["report"]
+    assert [artifact.path for artifact in client.list_artifacts(run.info.run_id)] == ["report"]
 
 
 @pytest.mark.usefixtures("here")

@@ -110,7 +110,7 @@ def test_the_same_command_runs_failed_jobs_again(recorded: Written, here: Path) 
     assert "train/loss" in (folder / "1" / "log.txt").read_text()
     second = (folder / "1" / "metrics.json").read_bytes()
     record = read_record(folder)
-    sizes = [next(one for one in job if "straight_threshold" in one) for job in record.jobs]
+    sizes = [next(word for word in job if "straight_threshold" in word) for job in record.jobs]
     assert sizes == ["data.straight_threshold=2.0", "data.straight_threshold=0.1"]
     assert list(record.data) == [str(recorded.folder)]
 
@@ -142,8 +142,8 @@ def test_the_newest_unfinished_sweep_of_the_same_command_is_found(
     begun(sweeps / "4", ["seed=1,2", "model=lenet"], ["failed"])
     (sweeps / "5").mkdir()
     (sweeps / "5" / "sweep.json").write_text("{")
-    found = find_unfinished(["seed=1,2", "model=tiny"], console)
-    assert found == Path("outputs/sweeps/day/2")
+    folder = find_unfinished(["seed=1,2", "model=tiny"], console)
+    assert folder == Path("outputs/sweeps/day/2")
     assert "resuming the sweep" in console.file.getvalue()
     assert find_unfinished(["seed=1,2,3", "model=tiny"], console) is None
 
@@ -208,7 +208,7 @@ def test_a_job_on_two_devices_does_not_start_the_sweep_again(
     more = (f"data.root={recorded.folder}", "trainer=ddp_cpu", "trainer.max_epochs=1", "seed=1")
     succeed(run(tmp_path, "-m", *SMALL, *more, "hydra.sweep.dir=s"))
     assert (tmp_path / "s" / "0" / "log.txt").read_text().count("epoch   1/1") == 1
-    assert sorted(one.name for one in (tmp_path / "s").iterdir() if one.name.isdigit()) == ["0"]
+    assert sorted(path.name for path in (tmp_path / "s").iterdir() if path.name.isdigit()) == ["0"]
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def test_jobs_on_several_devices_need_processes(trainer: dict, several: bool) ->
 
 
 @pytest.mark.parametrize(
-    ("words", "named"),
+    ("words", "message"),
     [
         (["seeds=0"], "seeds=0: must be one whole number in 1..100"),
         (["seeds=2", "seeds=3"], "seeds=3: must be one"),
@@ -385,8 +385,8 @@ def test_jobs_on_several_devices_need_processes(trainer: dict, several: bool) ->
         (["resume=run", "seeds=2"], "drop it or resume=run"),
     ],
 )
-def test_a_wrong_number_of_seeds_gets_one_line(words: list[str], named: str) -> None:
-    with pytest.raises(UsageError, match=named):
+def test_a_wrong_number_of_seeds_gets_one_line(words: list[str], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
         each_seed(words)
 
 

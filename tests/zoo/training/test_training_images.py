@@ -52,7 +52,7 @@ def test_tensorboard_gets_the_saved_plot(tmp_path: Path) -> None:
     logger.finalize("success")
     plot = tmp_path / "plots" / "steering.png"
     (events,) = tmp_path.glob("events.*")
-    shown = [one for one in EventFileLoader(str(events)).Load() if one.HasField("summary")]
+    shown = [event for event in EventFileLoader(str(events)).Load() if event.HasField("summary")]
     (value,) = shown[0].summary.value
     width, height, _ = value.tensor.string_val  # the loader converts images
     assert (shown[0].step, value.tag) == (4, "steering")
