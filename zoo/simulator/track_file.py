@@ -43,7 +43,6 @@ def read_track(name: str) -> Track:
     content = read_yaml(path)
     # A user's file is never ranked as the included track of its name.
     is_namesake = path.resolve().parent != track_folder().resolve() and is_included(path.stem)
+    name = path.name if is_namesake else recorded_name(path.stem)
     with placed_errors(path):
-        return make_track(
-            path.name if is_namesake else recorded_name(path.stem), content, path.parent
-        )
+        return make_track(name, content, path.parent)

@@ -72,6 +72,7 @@ NO_ROWS = "trainer.limit_val_batches=0 callbacks.best.monitor=train/loss"
     [
         ("trainer.logger=false", "type logger=NAME"),
         ("trainer.callbacks=null", "type callbacks=NAME"),
+        ("trainer.enable_checkpointing=false", "type callbacks=NAME"),
         ("trainer.default_root_dir=x", "type hydra.run.dir=FOLDER"),
         ("trainer.overfit_batches=2", "type trainer.limit_train_batches=N"),
         ("trainer.limit_val_batches=0", "trainer.limit_val_batches=0 leaves no validation rows"),
