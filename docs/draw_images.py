@@ -5,8 +5,8 @@ drives a lap of the embedded lake over the socket, while headless Chromium shows
 writes `lap.webp` (the lap as an animation), `live_page.webp`, `report.webp` and `edit_page.webp`
 (the editing page, with a lap of the expert), in some four minutes on two cores.
 
-With `laps` it writes `udacity_mountain.webp` and `udacity_jungle.webp`: laps of the packaged
-both_tracks at 9 mph, twenty times as fast. With `tracks` it writes `tracks.webp`, plan and views of
+With `laps` it writes `udacity_lake.webp`, `udacity_mountain.webp` and `udacity_jungle.webp`: laps
+of the packaged both_tracks at 9 mph, twenty times as fast. With `tracks` it writes `tracks.webp`, plan and views of
 each track, and `roads.webp`, the features of drawn roads: each family's roads beside the originals'
 tracks, by the share of their length. It then prints each track's length, tightest radius and
 grades, the figures of `docs/simulator.md`.
@@ -174,8 +174,8 @@ def draw_board() -> None:
 
 
 def draw_laps() -> None:
-    """Draw a lap of the mountain and one of the jungle."""
-    names = ("udacity_mountain", "udacity_jungle")
+    """Draw a lap of each of the course's tracks."""
+    names = ("udacity_lake", "udacity_mountain", "udacity_jungle")
     with tempfile.TemporaryDirectory() as scratch:
         keys = [f"track={','.join(names)}", "speed=9", "film=true", "film_speed=20", "page=false"]
         command = ["-m", "zoo.commands.evaluate", "both_tracks", *keys, f"out={scratch}/drives"]
