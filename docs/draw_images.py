@@ -6,10 +6,10 @@ writes `lap.webp` (the lap as an animation), `live_page.webp`, `report.webp` and
 (the editing page, with a lap of the expert), in some four minutes on two cores.
 
 With `laps` it writes `udacity_lake.webp`, `udacity_mountain.webp` and `udacity_jungle.webp`: laps
-of the packaged both_tracks at 9 mph, twenty times as fast. With `tracks` it writes `tracks.webp`, plan and views of
-each track, and `roads.webp`, the features of drawn roads: each family's roads beside the originals'
-tracks, by the share of their length. It then prints each track's length, tightest radius and
-grades, the figures of `docs/simulator.md`.
+of the packaged both_tracks at 9 mph, twenty times as fast. With `tracks` it writes `tracks.webp`,
+plan and views of each track, and `roads.webp`, the features of drawn roads: each family's roads
+beside the originals' tracks, by the share of their length. It then prints each track's length,
+tightest radius and grades, the figures of `docs/simulator.md`.
 """
 
 import csv
