@@ -87,7 +87,7 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
         (1, "zoo data.root=nowhere", "nowhere"),
         (1, "zoo.commands.evaluate no.ckpt", "no.ckpt"),
         (1, "zoo.commands.leaderboard nowhere", "nowhere"),
-        (1, "zoo.commands.simulator record out=x track=nowhere", "nowhere"),
+        (WRONG_USE, "zoo.commands.simulator record out=x track=nowhere", "nowhere"),
     ],
 )
 def test_wrong_use_is_no_failure(status: int, command: str, remedy: str, tmp_path: Path) -> None:
