@@ -93,7 +93,7 @@ DAMAGE = {
     "no cte_mean_m": (METRICS, field(*LAKE, value={"autonomy": [1, 0]}), "lake.cte_mean_m"),
     "negative count": (METRICS, field(*LAKE, "drives", value=-1), "lake.drives: "),
     "alias bomb": (CONFIG, text(LAUGHS), "alias"),
-    "deep config": (CONFIG, text("a: " + "[" * 50_000), "64"),
+    "deep config": (CONFIG, text("a: " + "[" * 50_000), "nest"),
     "config's digits": (CONFIG, text(f"seed: {'9' * 5000}"), "5,000 digits"),
     "sexagesimal": (CONFIG, text("seed: " + "1:" * 300_000 + "1"), "number"),
     "no date": (CONFIG, text("when: 2001-99-99"), "YAML"),
