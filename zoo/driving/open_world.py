@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from zoo.base.errors import InputError, hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.registry import Registry
 from zoo.driving.scenario import Scenario
 from zoo.driving.world import World
@@ -52,11 +52,11 @@ def open_world(scenario: Scenario, renderer: str = "auto") -> World:
         renderer: auto, software or none, for a world that renders.
 
     Raises:
-        InputError: there is no such world, it cannot be opened, or it ignores a key of the
-            scenario.
+        InputError: it cannot be opened.
+        UsageError: there is no such world, or it ignores a key of the scenario.
     """
     if scenario.world not in WORLDS:
-        raise InputError(f"world={scenario.world}: no such world; {hint(scenario.world, WORLDS)}")
+        raise UsageError(f"world={scenario.world}: no such world; {hint(scenario.world, WORLDS)}")
     opened = WORLDS[scenario.world](scenario, renderer)
     try:
         scenario.check_ignored(opened.ignores)

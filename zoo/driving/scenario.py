@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from zoo.base.command_keys import Untyped
-from zoo.base.errors import InputError
+from zoo.base.errors import UsageError
 from zoo.driving.interventions import LEAST_MARGIN_M
 from zoo.simulator.weather import CLEAR, Weather, read_weather
 from zoo.simulator.world_settings import WorldSettings
@@ -65,7 +65,7 @@ class Scenario(WorldSettings):
         """Write `gymnasium:ID` and `FILE.yaml` as the world gymnasium, and its track.
 
         Raises:
-            InputError: a track is named, too.
+            UsageError: a track is named, too.
         """
         super().__post_init__()
         kind, colon, name = str(self.world).partition(":")
@@ -73,7 +73,7 @@ class Scenario(WorldSettings):
             kind, colon, name = "gymnasium", ":", self.world
         if kind == "gymnasium" and colon:
             if self.track not in ("", Scenario.track):
-                raise InputError(
+                raise UsageError(
                     f"track={self.track}: world={self.world} drives no track; drop one"
                 )
             object.__setattr__(self, "world", kind)
@@ -85,10 +85,10 @@ class Scenario(WorldSettings):
         return Scenario(**values | {"weather": read_weather(self.weather)} | changes)
 
     def check_ignored(self, keys: Sequence[str]) -> None:
-        """Raise InputError if a key that its world ignores is changed: figures would mislead."""
+        """Raise UsageError if a key that its world ignores is changed: figures would mislead."""
         for key in keys:
             if getattr(self, key) != getattr(Scenario(), key):
-                raise InputError(f"{key}: changes nothing in world={self.world}; drop one")
+                raise UsageError(f"{key}: changes nothing in world={self.world}; drop one")
 
     @property
     def start_mph(self) -> float:

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from datamodules.format_options import ReadOptions
 from zoo.base.command_keys import Section
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import UsageError
 from zoo.base.process_pool import PROCESSES, Executor
 from zoo.driving.scenario import Scenario
 from zoo.runs.table_files import ResultFiles, TableFiles
@@ -112,22 +112,20 @@ def check_world(options: WorldSettings) -> tuple[str, ...]:
     Nothing is rendered.
 
     Raises:
-        UsageError: a world cannot be opened, or ignores a key of the options.
+        InputError: a world cannot be opened, as with a wrong track's file.
+        UsageError: there is no such track or world, or it ignores a key of the options.
     """
     from zoo.driving.open_world import open_world
 
     names = track_names(options.track)
     if not names:
         raise UsageError("track=: no track named; try track=lake,mountain")
-    try:
-        options.check()
-        for name in names:
-            if isinstance(options, Scenario):
-                scenario = options.one_drive(track=name)
-            else:
-                scenario = Scenario(**replace(options, track=name).place)
-            world = open_world(scenario, renderer="none")
-            world.close()
-    except InputError as error:
-        raise UsageError(str(error)) from None
+    options.check()
+    for name in names:
+        if isinstance(options, Scenario):
+            scenario = options.one_drive(track=name)
+        else:
+            scenario = Scenario(**replace(options, track=name).place)
+        world = open_world(scenario, renderer="none")
+        world.close()
     return world.ignores

@@ -10,9 +10,10 @@ from rich.progress import Progress
 
 from datamodules.recording_format import read_recordings
 from tests.zoo.command_runs import run_here
-from tests.zoo.simulator.tracks import loop
+from tests.zoo.simulator.tracks import LOOP, loop, write_track
 from zoo.base.errors import InputError
 from zoo.base.run_command import run_command
+from zoo.commands.evaluate import evaluate_or_replay
 from zoo.commands.simulator import simulator
 from zoo.simulator.expert import Expert, ExpertSettings
 from zoo.simulator.parallel_record import ParallelRecorder, Requests
@@ -187,3 +188,15 @@ def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, message
     assert message in line
     assert "\n" not in line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments"),
+    [(simulator, ["record", "out=laps"]), (evaluate_or_replay, ["lenet", "out=laps"])],
+    ids=["record", "evaluate"],
+)
+def test_a_wrong_value_in_a_tracks_file_is_a_failure(command, arguments, tmp_path, capsys):
+    track = write_track(tmp_path, points=LOOP, width=2)
+    assert run_command("drivezoo", command, [*arguments, f"track={track}"]) == 1
+    assert f"{track}: width: 2; must be" in capsys.readouterr().err
+    assert not (tmp_path / "laps").exists()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from zoo.base.errors import InputError, hint
+from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.limits import parse_number
 from zoo.base.parts import import_part, registering_parts
 from zoo.driving.open_world import world
@@ -271,7 +271,7 @@ def open_environment(scenario: Scenario, renderer: str) -> EnvironmentWorld:
         made = gymnasium.make(name, disable_env_checker=True, **arguments)
     except gymnasium.error.UnregisteredEnv:
         near = hint(name, gymnasium.registry, "name the module that registers it with parts=")
-        raise InputError(f"{where}: no such environment; {near}") from None
+        raise UsageError(f"{where}: no such environment; {near}") from None
     except (gymnasium.error.Error, ImportError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{where}: {reason:.300}{install}") from None
