@@ -96,10 +96,11 @@ class World:
         self._first = int(np.random.default_rng((seed, 2)).integers(len(self.loop)))
         self.travelled = 0.0
         self.put_back(start)
-        if self.at_end:
+        asked = start.distance or 0.0
+        if self.at_end or not (self.track.closed or 0 <= asked <= self.track.length):
             raise InputError(
-                f"start={start.distance:g}: the open road {self.track.name} ends there in this "
-                f"direction; start nearer to {self.track.begin(self.direction):.0f} m"
+                f"start={asked:g}: is not between the ends of the open road "
+                f"{self.track.name}; start nearer to {self.track.begin(self.direction):.0f} m"
             )
 
     def put_back(self, start: Start) -> None:

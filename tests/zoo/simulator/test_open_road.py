@@ -85,10 +85,12 @@ def test_arrays_are_clamped_at_the_ends():
 
 
 @both_ways
-def test_a_start_at_the_end_is_refused(way):
+@pytest.mark.parametrize("ahead_m", [-50, ROAD.length, ROAD.length + 50])
+def test_a_start_at_the_end_or_off_the_road_is_refused(way, ahead_m):
     world = World(ROAD, direction=way)
-    with pytest.raises(InputError, match="the open road road ends there"):
-        world.reset(0, Start(ROAD.length if way > 0 else 0.0))
+    start_m = world.track.begin(way) + way * ahead_m
+    with pytest.raises(InputError, match=f"start={start_m:g}: .* of the open road road; start"):
+        world.reset(0, Start(start_m))
 
 
 @both_ways
