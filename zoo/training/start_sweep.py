@@ -20,9 +20,8 @@ from zoo.base.whole_file import refuse_links_out
 from zoo.results.ranking_page import Ranking, wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
-from zoo.runs.status import read_status
 from zoo.training import sweep_record as records
-from zoo.training.sweep_jobs import DONE, run_job
+from zoo.training.sweep_jobs import is_done, run_job
 from zoo.training.sweep_record import SavedSweep, check_overrides, resumed_from
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
@@ -202,7 +201,7 @@ def find_unfinished(arguments: list[str], console: Console) -> Path | None:
 
 
 def _resuming_line(folder: Path, record: records.SweepRecord) -> str:
-    done = sum(read_status(job).get("status") in DONE for job in records.job_folders(folder))
+    done = sum(map(is_done, records.job_folders(folder)))
     count = f" of {len(record.jobs)}" if record.jobs is not None else ""
     return (
         f"resuming the sweep of {record.started[:16].replace('T', ' ')}: {done}{count} jobs are "
@@ -215,7 +214,7 @@ def _all_done(folder: Path) -> bool:
     if record.jobs is None:
         return False
     folders = [folder / str(number) for number in range(len(record.jobs))]
-    return record.search or all(read_status(job).get("status") in DONE for job in folders)
+    return record.search or all(map(is_done, folders))
 
 
 def _drop_shadowed() -> None:

@@ -31,11 +31,10 @@ from zoo.base.whole_file import write_whole
 from zoo.results.ranking import folder_label
 from zoo.results.scored import finished_run
 from zoo.runs.saved_config import TRUST, find_refusals
-from zoo.runs.status import is_alive, is_beating, read_status, write_status
+from zoo.runs.status import is_alive, is_beating, read_metrics, read_status, write_status
 from zoo.training.sweep_record import add_to_record, check_job, log_digest, read_record, varying
 
 SERIAL = "basic"  # launcher that runs the jobs one by one, each of which prints its own progress
-DONE = ("finished", "pruned")
 POLL_S = 0.5
 DIED = "its process ended without an error: it was killed, or memory ran out"
 
@@ -50,10 +49,11 @@ class Job:
     overrides: tuple[str, ...]
     folder: Path
 
-    @property
-    def status(self) -> str | None:
-        """Return whether the job is running, finished, pruned or failed."""
-        return read_status(self.folder).get("status")
+
+def is_done(folder: Path) -> bool:
+    """Return whether a job is pruned, or is finished with figures that can be read."""
+    status = read_status(folder).get("status")
+    return status == "pruned" or (status == "finished" and bool(read_metrics(folder)))
 
 
 def sweep_grid(
@@ -135,7 +135,7 @@ def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
     """Print a line when a job ends; parallel jobs print only to their log files."""
     varied = varying([job.overrides for job in jobs])
     before = {job: read_status(job.folder) for job in jobs}
-    waiting = [job for job in jobs if job.status not in DONE]
+    waiting = [job for job in jobs if not is_done(job.folder)]
     over = threading.Event()
 
     def report_ended() -> None:
@@ -183,7 +183,7 @@ def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:
     Raises:
         InputError: the launcher cannot start any job.
     """
-    waiting = [job for job in jobs if job.status not in DONE and not is_alive(job.folder)]
+    waiting = [job for job in jobs if not is_done(job.folder) and not is_alive(job.folder)]
     while waiting:
         before = {job: read_status(job.folder) for job in waiting}
         broken = None
@@ -193,7 +193,7 @@ def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:
             broken = error
         _wait(waiting, console)
         for job in waiting:
-            if job.status == "running":
+            if read_status(job.folder).get("status") == "running":
                 write_status(job.folder, "failed", reason=DIED)
         untouched = [job for job in waiting if read_status(job.folder) == before[job]]
         if broken and untouched == waiting:
@@ -275,7 +275,7 @@ def _set_up_worker(config: DictConfig) -> None:
 def _claim(folder: Path) -> bool:
     """Mark the job as running here; return False if it is done or runs in another process."""
     with FileLock(folder / "status.lock"):
-        if read_status(folder).get("status") in DONE or is_beating(folder):
+        if is_done(folder) or is_beating(folder):
             return False
         (folder / "error.txt").unlink(missing_ok=True)
         write_status(folder, "running")

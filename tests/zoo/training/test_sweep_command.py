@@ -122,11 +122,21 @@ def test_the_same_command_runs_failed_jobs_again(recorded: Written, here: Path) 
     assert (folder / "1" / "metrics.json").read_bytes() == second
 
 
+def test_a_job_that_lost_its_figures_is_finished_again(recorded: Written, here: Path) -> None:
+    succeed(sweep(recorded, "seed=1,2", "trainer.max_epochs=1", "hydra.sweep.dir=s"))
+    metrics = here / "s" / "1" / "metrics.json"
+    first = json.loads(metrics.read_text())
+    metrics.write_text("{")
+    out = succeed(run_here(here, "resume=s", module="zoo.commands.sweep"))
+    assert "1 of 2 jobs are done" in out
+    assert "damaged" not in out
+    assert json.loads(metrics.read_text())["open_loop"] == first["open_loop"]
+
+
 def begun(folder: Path, arguments: list[str], statuses: Sequence[str], **more: object) -> Path:
     """Write the folder of a sweep whose jobs have these statuses."""
     for number, state in enumerate(statuses):
-        (folder / str(number)).mkdir(parents=True)
-        write_status(folder / str(number), state)
+        write_status(write_run(folder / str(number)), state)
     jobs = [[f"seed={number}"] for number in range(len(statuses))]
     write_record(folder, new_record(arguments).model_copy(update={"jobs": jobs, **more}))
     return folder
