@@ -46,11 +46,12 @@ class Shot:
     state: Overlay = field(default_factory=Overlay)
 
 
-def read_shots(folder: Path, **said: Any) -> list[Shot]:
+def read_shots(folder: Path, faults: list[str], **said: Any) -> list[Shot]:
     """Return the frames of a drive, a recording or a folder of images, in the order of time.
 
     Args:
         folder: folder to film.
+        faults: list to which a line is added for each row of a recording without its image.
         **said: fields of `ReadOptions`, for a recording.
 
     Raises:
@@ -64,7 +65,7 @@ def read_shots(folder: Path, **said: Any) -> list[Shot]:
     # A log that is not a regular file, such as a pipe, is reported when it is opened.
     if (folder / drive_log.LOG_NAME).exists():
         return _shots_of_drive(folder)  # each simulator has times of its own
-    shots = _shots_of_recording(folder, said) if is_recording else _shots_of_images(folder)
+    shots = _shots_of_recording(folder, faults, said) if is_recording else _shots_of_images(folder)
     if not shots:
         raise InputError(f"{folder}: has no {LOG_NAME}, JPEG or PNG; name another folder")
     times = np.array([shot.time_s for shot in shots])
@@ -170,8 +171,9 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
     return shots
 
 
-def _shots_of_recording(folder: Path, said: dict) -> list[Shot]:
+def _shots_of_recording(folder: Path, faults: list[str], said: dict) -> list[Shot]:
     log = read_recordings(str(folder), **said | {"on_bad_image": "skip"})
+    faults += log.bad_images
     speed_mph = np.full(len(log), np.nan) if log.without_speed else log.speed_mph
     columns = log.time_s, log.steering, log.throttle - log.brake, speed_mph
     states = np.stack(columns, axis=1).tolist()
@@ -221,10 +223,11 @@ def film(
     console, path = Console(soft_wrap=True), Path(folder).expanduser()
     film_path = checked_file(out or f"{path.absolute()}.mp4", FILMS, "out" if out else "")
     pilots = {} if ckpt is None else _load_pilots(ckpt.split(","))
-    shots = read_shots(path, **read_as_trained(pilots.values(), path, read))
+    faults: list[str] = []
+    shots = read_shots(path, faults, **read_as_trained(pilots.values(), path, read))
     draw = _pilots(pilots, shots) if pilots else None
     rate = real_fps(shots) if fps is None else fps
-    faults: list[str] = []
+    images = len(shots) + len(faults)
     size: tuple[int, int] | None = None  # of the first frame, in which all are filmed
     try:
         with Film(film_path, rate) as film, progress_bar("filming", console) as report:
@@ -240,9 +243,9 @@ def film(
                     film.add(cv2.resize(image, size))
     except InputError as error:
         raise InputError(f"{error}; or name another file with out=") from None
-    drawn = len(shots) - len(faults)
+    drawn = images - len(faults)
     if not drawn:
-        raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
+        raise InputError(f"{faults[0]}; none of {images} images can be read")
     if faults:
         print_line(console, f"{counted(len(faults), 'image')} left out: {faults[0]}")
     print_line(console, f"{counted(drawn, 'frame')} at {rate:g} per second, {drawn / rate:.1f} s")

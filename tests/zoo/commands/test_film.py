@@ -62,7 +62,7 @@ def test_images_are_filmed_in_the_order_of_time(recorded: Written, tmp_path: Pat
     for row in (7, 3, 5):
         shutil.copy(recorded.image(row), folder / f"{recorded.stems[row]}.jpg")
 
-    shots = read_shots(folder)
+    shots = read_shots(folder, [])
     succeed(film(tmp_path, folder, "fps=48"))
 
     assert [shot.path.stem for shot in shots] == [recorded.stems[row] for row in (3, 5, 7)]
@@ -88,7 +88,7 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
         writer.add([replace(row, cross_track_m=-0.5, intervention=number == 120)])
     writer.close()
 
-    shots = read_shots(folder)
+    shots = read_shots(folder, [])
 
     assert len(shots) == 120
     assert shots[59].state.autonomy == 1
@@ -114,6 +114,15 @@ def test_unreadable_images_are_skipped_and_odd_names_are_kept(
     assert re.search(r"\b1 \w+ (left out|skipped)", out)
     assert "empty" in out
     assert len(decode(folder.with_name(f"{folder.name}.mp4"))[1]) == 3
+
+
+def test_rows_without_their_image_are_left_out_and_counted(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "log", rows=6)
+    written.image(2).unlink()
+    written.image(4).write_bytes(b"")
+    out = succeed(film(tmp_path, written.folder))
+    assert re.search(r"^2 images left out: .*driving_log\.csv, row 3: no image", out, re.MULTILINE)
+    assert "\n4 frames at " in out
 
 
 @pytest.mark.parametrize(
@@ -168,7 +177,7 @@ def test_an_autonomy_that_is_not_measured_is_not_shown(recorded: Written, tmp_pa
     for row in range(10):
         writer.add([DriveRow(row / 10, frame=str(recorded.image(row)), intervention=row == 5)])
     writer.close()
-    shots = read_shots(tmp_path)
+    shots = read_shots(tmp_path, [])
     assert {shot.state.autonomy for shot in shots[:5]} == {None}
     assert shots[9].state.autonomy == 0, "a takeover shows that a person watches"
 
@@ -179,7 +188,7 @@ def test_a_simulator_that_connects_again_is_filmed_after_its_first_frames(tmp_pa
         name = "" if client == 3 else f"{client}-{time_s}.jpg"  # only one is recorded at a time
         writer.add([DriveRow(time_s, client, frame=name, intervention=time_s == 5.1)])
     writer.close()
-    filmed = [(shot.path.name[0], shot.state.note) for shot in read_shots(tmp_path)]
+    filmed = [(shot.path.name[0], shot.state.note) for shot in read_shots(tmp_path, [])]
     assert filmed == [("1", None), ("1", "intervention"), ("2", None), ("2", None)]
 
 
@@ -226,7 +235,7 @@ def test_a_replay_shows_the_recorded_steering(tmp_path: Path) -> None:
         for number in range(30)
     ]
     write_drive(tmp_path, Drive.of(rows, source=REPLAY, lane_m=1.0))
-    shots = read_shots(tmp_path)
+    shots = read_shots(tmp_path, [])
     assert {shot.state.recorded for shot in shots} == {0.3}
     noted = [number for number, shot in enumerate(shots) if shot.state.note]
     assert noted == list(range(5, 15)), "for a second"
@@ -237,7 +246,7 @@ def test_a_replay_shows_the_recorded_steering(tmp_path: Path) -> None:
 
 def test_a_recording_of_any_format_is_filmed(tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(index) for index in range(5)])
-    shots = read_shots(tub)
+    shots = read_shots(tub, [])
     assert len(shots) == 5
     assert {shot.state.rig for shot in shots} == {None}, "its car is unknown"
     assert film_command(tub).stat().st_size > 0
