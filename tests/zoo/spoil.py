@@ -1,6 +1,7 @@
 """Callbacks that stop a run during training, or remove or fill its disk."""
 
 import shutil
+import signal
 from pathlib import Path
 
 import lightning
@@ -42,3 +43,14 @@ class Interrupt(lightning.Callback):
     def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
         if trainer.current_epoch == self.epoch:
             raise KeyboardInterrupt
+
+
+class Terminate(lightning.Callback):
+    """A callback that sends SIGTERM, as a scheduler does, at the end of an epoch."""
+
+    def __init__(self, epoch: int) -> None:
+        self.epoch = epoch
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, module: object) -> None:
+        if trainer.current_epoch == self.epoch:
+            signal.raise_signal(signal.SIGTERM)

@@ -192,4 +192,5 @@ def _fit(
             raise InputError(f"trainer: {' '.join(str(error).split())}") from error
         raise
     if trainer.interrupted:
-        raise interruptions.stopped_error(folder, trainer.current_epoch + 1)
+        epoch = None if trainer.fit_loop.done else trainer.current_epoch + 1
+        raise interruptions.stopped_error(folder, epoch)

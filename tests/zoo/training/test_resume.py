@@ -123,6 +123,17 @@ def test_ctrl_c_while_training_further_names_the_figures_that_stand(
     assert metrics(two_epochs)["epochs"] == 4, "it goes on with what was asked for"
 
 
+@pytest.mark.parametrize(("epoch", "words"), [(2, "stopped in epoch 4; "), (3, "stopped; ")])
+def test_a_signal_between_epochs_names_no_epoch_beyond_the_last(
+    epoch: int, words: str, two_epochs: Path, zoo: Zoo
+) -> None:
+    terminate = INTERRUPT.replace("Interrupt", "Terminate")
+    change_config(two_epochs, callbacks={"stop": {"_target_": terminate, "epoch": epoch}})
+    line = only_line(zoo("resume=run", "trainer.max_epochs=4", f"trust={terminate}"), 130)
+    assert line.startswith(f"drivezoo train: {words}")
+    assert "last.ckpt is kept" in line
+
+
 # Of each kind: optimizer, schedule, loss, data, view, network, seed, trainer, callbacks' state.
 FORBIDDEN = {
     "optim.lr": "1e-9",
