@@ -25,7 +25,7 @@ class ReadOptions:
 
     Args:
         images: folder of the images, if not the usual one.
-        on_bad_image: what a replay does with a row whose image is missing; other commands skip it.
+        on_bad_image: what a replay does with a row whose image is bad; other commands skip it.
         on_bad_row: skip: leave out rows that cannot be read; each is counted.
         format: name of the format, such as table; null: found by the names of the files.
         columns: columns of a table, {image: NAME, steering: NAME}, or their positions from 0.

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from datamodules.formats.recording_writer import write_frame
-from datamodules.looking.findings import KEYBOARD_SHARE, report_recordings
+from datamodules.formats.recording_writer import whole_rows, write_frame
+from datamodules.looking.findings import KEYBOARD_SHARE, report_recordings, skipped_lines
 from datamodules.recorded_car import other_car
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
@@ -112,9 +112,10 @@ def replay_recording(
     options.check_files(METRICS, [recording_folder])
     policy = load_policy(driver)
     name = driver if isinstance(driver, str) else policy.name
-    recording = read_recordings(
-        recording_folder, **read_as_trained([policy], recording_folder, options.data)
-    )
+    said = read_as_trained([policy], recording_folder, options.data)
+    recording, damaged = whole_rows(read_recordings(recording_folder, **said))
+    if damaged and said.get("on_bad_image") != "skip":
+        raise InputError(f"{damaged[0]}; data.on_bad_image=skip leaves such rows out")
     is_own = policy.data.get("fingerprint") == recording.fingerprint()
     if is_own and recording.rig is None and isinstance(driver, str):
         recording = replace(recording, rig=added_rig(driver))
@@ -140,6 +141,7 @@ def replay_recording(
         problem = f"{name}: {nan}" if nan else ""
         on_track = source is None and source_of(policy.data) is None
         notes = [world.words] * (source is not None) + keyboard_lines(recording, on_track)
+        notes += skipped_lines(replace(recording, bad_images=(*recording.bad_images, *damaged)))
         notes += filter(None, [tied_line([{"tied": drive.tied}])])
         following: list[object] = ["film", folder] if options.frames else ["evaluate", name]
         if not on_track and not options.frames:

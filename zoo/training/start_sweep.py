@@ -189,8 +189,7 @@ def find_unfinished(arguments: list[str], console: Console) -> Path | None:
             continue  # damaged, or written by another version
         if not records.is_same(record, arguments) or _all_done(folder):
             continue
-        changed = records.what_changed(record)
-        if changed:
+        if changed := records.what_changed(record):
             print_line(console, f"{folder}: same command, but {changed}; starting a new sweep")
             return None
         if record.search and is_held(folder):
@@ -213,8 +212,7 @@ def _all_done(folder: Path) -> bool:
     record = records.read_record(folder)
     if record.jobs is None:
         return False
-    folders = [folder / str(number) for number in range(len(record.jobs))]
-    return record.search or all(map(is_done, folders))
+    return record.search or all(is_done(folder / str(job)) for job in range(len(record.jobs)))
 
 
 def _drop_shadowed() -> None:

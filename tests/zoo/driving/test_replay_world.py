@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -207,6 +208,22 @@ def test_a_damaged_picture_is_named_with_its_row(tmp_path):
     image.write_bytes(image.read_bytes()[:300])
     with pytest.raises(InputError, match=r"row 21: .*center_.*truncated.*drivezoo edit "):
         replay(read_recordings(str(written.folder)))
+
+
+def test_damaged_images_are_refused_at_once_or_left_out_and_counted(tmp_path, checkpoint):
+    written = write_recording(tmp_path / "bad", rows=ROWS)
+    written.image(20).unlink()
+    image = written.image(80)
+    image.write_bytes(image.read_bytes()[:300])
+    words = checkpoint, str(written.folder), "out=out", "data.on_bad_image=skip"
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.replay"))
+    assert "skipped 2 rows with a bad image" in printed
+    assert len(read_drive(tmp_path / "out")) == ROWS - 2
+
+    written.image(20).write_bytes(written.image(21).read_bytes())
+    line = only_line(run_here(tmp_path, *words[:2], module="zoo.commands.replay"), 1)
+    assert re.search(r"row 81: .*truncated; data\.on_bad_image=skip", line)
+    assert not (tmp_path / "outputs").exists()
 
 
 def test_the_command_prints_a_table_and_writes_figures_and_frames(tmp_path, checkpoint, folder):
