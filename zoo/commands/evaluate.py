@@ -38,6 +38,8 @@ def evaluate(ckpt: Any, *, options: EvaluateOptions) -> "Evaluation":
         raise UsageError("replay: call drivezoo.replay(driver, recording)")
     if options.challenge is not None or options.data is not None:
         raise UsageError("challenge: call drivezoo.challenge(driver, folder)")
+    if options.film_speed != EvaluateOptions.film_speed and not options.film:
+        raise UsageError(f"film_speed={options.film_speed:g}: is that of film=true; add it, too")
     # Report a wrong path or track before torch is imported.
     driver = find_driver(ckpt)
     if options.track and options.world == "embedded":

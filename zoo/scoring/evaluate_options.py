@@ -117,8 +117,7 @@ def check_world(options: WorldSettings) -> tuple[str, ...]:
     """
     from zoo.driving.open_world import open_world
 
-    names = track_names(options.track)
-    if not names:
+    if not (names := track_names(options.track)):
         raise UsageError("track=: no track named; try track=lake,mountain")
     options.check()
     for name in names:

@@ -161,6 +161,7 @@ def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkey
     [
         ("track=nowhere", "nowhere"),
         ("track=lake,moutain", "moutain"),
+        ("film_speed=2", "film_speed=2: is that of film=true; add it, too"),
         ("film_speed=101", "film_speed=101: must be a number in 1..100"),
         ("margin=0.05", "margin=0.05: must be a number of 0.2 or more, or null"),
         ("weather=hail", "weather=hail"),
