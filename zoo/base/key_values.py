@@ -150,7 +150,9 @@ def check_keys(names: Iterable[str], keys: Iterable[Key], remedy: str = "") -> N
     allowed = [key.name for key in keys]
     for name in names:
         if name not in allowed:
-            raise UsageError(f"{name}: no such key; {hint(name, allowed, remedy)}")
+            key, _, value = name.partition(":")
+            near = f"write {key}: {value}, with a space" if key in allowed else None
+            raise UsageError(f"{name}: no such key; {near or hint(name, allowed, remedy)}")
 
 
 def check_values(options: object) -> None:

@@ -118,9 +118,7 @@ def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
         with suppress(ValueError):
             settings = parse_yaml(weather)
     if not isinstance(settings, Mapping):
-        raise UsageError(
-            f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
-        )
+        raise UsageError(f"weather={weather}: must be clear, random or settings, {{fog: 0.4}}")
     with placed_errors("weather"):
         values = dict(typed_keys(settings))
         check_keys(values, keys_of(Weather))

@@ -159,6 +159,7 @@ def test_a_world_without_a_renderer_has_no_frames():
     ("text", "words"),
     [
         ("foggy", "must be clear, random or settings"),
+        ("{fog:2}", "fog:2: no such key; write fog: 2, with a space"),
         ("{fogg: 1}", "fogg: no such key; did you mean fog?"),
         ("{fog: 2}", "fog=2: must be a number in 0..1"),
         ("{texture_seed: -5}", "texture_seed=-5: must be a whole number of 0 or more"),
