@@ -231,7 +231,7 @@ def _grade(
     problems: list[str] = []
     grade = Grade(submission)
     with _noted(problems, "not driven"):
-        if submission.file is None:
+        if submission.problem:
             raise InputError(submission.problem)
         folder = _drives(out, submission)
         if not (folder / NAME).is_file():

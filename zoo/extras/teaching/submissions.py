@@ -34,7 +34,8 @@ class Submission:
 
     Attributes:
         name: name of the student: that of the folder, or of the file without its ending.
-        file: checkpoint or ONNX file; None where there is none, or several.
+        file: checkpoint or ONNX file, or one of another kind, which is a problem; None where there
+            is none, or several.
         problem: why nothing can be driven; empty if something can.
     """
 
@@ -118,7 +119,7 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
     problem = f"has {counted(len(files), 'network')}, must be one"
     if not files:
         problem = "is or has no .ckpt or .onnx file, or links to nothing; hand in one"
-    return Submission(name, None, f"{first}: {problem}")
+    return Submission(name, first if first.is_file() else None, f"{first}: {problem}")
 
 
 def _is_network(path: Path) -> bool:

@@ -2,10 +2,12 @@
 
 import csv
 import functools
+import os
 import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -264,6 +266,16 @@ def test_a_wrong_folder_gets_one_line(tmp_path: Path) -> None:
     (folder / "notes.txt").touch()
     with pytest.raises(InputError, match=r"holds no \.ckpt or \.onnx file"):
         find_submissions(folder)
+
+
+def test_a_file_of_another_kind_has_the_time_of_its_last_change(tmp_path: Path) -> None:
+    file = tmp_path / "dora.h5"
+    file.touch()
+    os.utime(file, (86_400, time.mktime((2026, 5, 4, 3, 2, 0, 0, 0, -1))))
+    (tmp_path / "eve").mkdir()
+    dora, eve = find_submissions(tmp_path)
+    assert (dora.submitted, eve.submitted) == ("2026-05-04 03:02", "-")
+    assert "dora.h5: is or has no .ckpt or .onnx file" in dora.problem
 
 
 def test_more_roads_need_a_seed_and_a_suite_needs_marks(submitted: Path, here: Path) -> None:
