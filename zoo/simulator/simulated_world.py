@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY, Rig
 from zoo.simulator.car import OFF_ROAD, ROAD, Car
 from zoo.simulator.track import SOLID_M, Place, Track
@@ -98,7 +98,7 @@ class World:
         self.put_back(start)
         asked = start.distance or 0.0
         if self.at_end or not (self.track.closed or 0 <= asked <= self.track.length):
-            raise InputError(
+            raise UsageError(
                 f"start={asked:g}: is not between the ends of the open road "
                 f"{self.track.name}; start nearer to {self.track.begin(self.direction):.0f} m"
             )

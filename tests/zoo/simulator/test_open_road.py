@@ -9,7 +9,7 @@ import pytest
 
 from tests.zoo.simulator.test_record import GreyRenderer
 from tests.zoo.simulator.tracks import OPEN, open_road, write_track
-from zoo.base.errors import InputError
+from zoo.base.errors import UsageError
 from zoo.simulator.client import Client
 from zoo.simulator.command_options import ClientOptions
 from zoo.simulator.env import DrivingEnv
@@ -89,7 +89,7 @@ def test_arrays_are_clamped_at_the_ends():
 def test_a_start_at_the_end_or_off_the_road_is_refused(way, ahead_m):
     world = World(ROAD, direction=way)
     start_m = world.track.begin(way) + way * ahead_m
-    with pytest.raises(InputError, match=f"start={start_m:g}: .* of the open road road; start"):
+    with pytest.raises(UsageError, match=f"start={start_m:g}: .* of the open road road; start"):
         world.reset(0, Start(start_m))
 
 
