@@ -284,9 +284,9 @@ def report_lines(recording: Recording) -> list[str]:
 
 def skipped_lines(recording: Recording) -> list[str]:
     """Return a line for skipped rows, and one for rows with a skipped image."""
-    kinds = {"bad rows": recording.bad_rows, "rows with a bad image": recording.bad_images}
+    kinds = {"a bad value": recording.bad_rows, "a bad image": recording.bad_images}
     return [
-        f"skipped {len(skipped):,} {kind}, the first: {skipped[0]}"
+        f"skipped {counted(len(skipped), 'row')} with {kind}, the first: {skipped[0]}"
         for kind, skipped in kinds.items()
         if skipped
     ]

@@ -222,7 +222,7 @@ def test_bad_image_may_be_skipped_and_is_said(load, damaged, console):
     assert len(data.recording) == 59
     assert 6 not in data.recording.line
     printed = console.file.getvalue()
-    assert "skipped 1 rows with a bad image" in printed
+    assert "skipped 1 row with a bad image" in printed
     assert f"{damaged.image(5, 'left')}: the image is truncated" in printed
     row = int(np.flatnonzero(data.recording.line == 7)[0])
     image = VIEW(decode_image(damaged.image(6).read_bytes()))

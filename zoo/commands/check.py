@@ -86,7 +86,7 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     for line in [*map(sign_line, whole.names, signs), *leak_lines(whole)]:
         _print(console, line)
     if recording.bad_rows:
-        _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
+        _print(console, f"skipped {counted(len(recording.bad_rows), 'bad row')}:")
         _print_first(console, recording.bad_rows)
     for (width, height), count in sizes.most_common():
         _print(console, f"{counted(count, 'image')} of {width} x {height}")

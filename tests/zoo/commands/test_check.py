@@ -266,12 +266,12 @@ def test_bad_rows_are_named_with_the_command_that_skips_them(written):
     written.log.write_text("\n".join(lines) + "\n")
     refused = run_check(written.folder)
     assert refused.returncode == 1
-    after = refused.stdout.splitlines().index("skipped 1 bad rows:")
+    after = refused.stdout.splitlines().index("skipped 1 bad row:")
     assert "row 4: 1 columns, expected 7" in refused.stdout.splitlines()[after + 1]
     assert refused.stdout.splitlines()[-1].endswith(" data.on_bad_row=skip")
     for option in ("on_bad_row=skip", "data.on_bad_row=skip", "--on-bad-row=skip"):
         skipped = run_check(written.folder, option)
         assert skipped.returncode == 0
-        after = skipped.stdout.splitlines().index("skipped 1 bad rows:")
+        after = skipped.stdout.splitlines().index("skipped 1 bad row:")
         assert "row 4: 1 columns" in skipped.stdout.splitlines()[after + 1]
         assert skipped.stdout.splitlines()[-1].endswith(" data.on_bad_row=skip")
