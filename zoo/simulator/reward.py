@@ -79,5 +79,5 @@ def named_function(key: str, value: str | Chosen, functions: dict[str, Chosen]) 
     if not isinstance(value, str):
         return value
     if value not in functions:
-        raise InputError(f"{key}={value}: {hint(value, list(functions))} Or a function")
+        raise InputError(f"{key}={value}: {hint(value, [*functions, 'a function'])}")
     return functions[value]

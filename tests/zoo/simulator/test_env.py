@@ -297,7 +297,10 @@ def test_it_renders_what_was_last_seen(opened):
         ({"width": 4}, "width=4: must be 8 to 1024"),
         ({"vertical_fov_deg": 0}, "vertical_fov_deg=0: must be 1 to 170"),
         ({"reward": "donkey"}, "reward=donkey: did you mean donkeycar"),
-        ({"termination": "lap"}, "termination=lap: available: off_road, donkeycar, carracing"),
+        (
+            {"termination": "lap"},
+            "termination=lap: available: off_road, donkeycar, carracing, a function",
+        ),
     ],
 )
 def test_a_wrong_argument_is_refused(argument, message):
