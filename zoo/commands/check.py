@@ -92,11 +92,10 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
         _print(console, f"{counted(count, 'image')} of {width} x {height}")
     _print_first(console, bad)
     if not len(whole):
-        _print(console, f"{len(bad):,} bad images; no row is without one: copy them again")
+        _print(console, f"{counted(len(bad), 'bad image')}; no row is without one: copy them again")
         return False
-    verdict = (
-        f"{len(bad):,} bad images; copy or record them again, or train with data.on_bad_image=skip"
-    )
+    named = counted(len(bad), "bad image")
+    verdict = f"{named}; copy or record again, or train with data.on_bad_image=skip"
     _print(console, verdict if bad else "all images are whole")
     oddities = find_oddities(whole)
     if oddities:

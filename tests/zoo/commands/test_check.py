@@ -115,6 +115,11 @@ def test_each_bad_image_is_named_with_its_row(written):
     assert done.stdout.splitlines()[-1].endswith(" data.on_bad_image=skip")
 
 
+def test_one_bad_image_is_counted_as_one(written):
+    cut_off(written.image(3))
+    assert "\n1 bad image; " in run_check(written.folder).stdout
+
+
 def test_after_twenty_bad_images_comes_a_count(written):
     for row in range(12):
         cut_off(written.image(row))
