@@ -200,13 +200,14 @@ def needed_text(row: Difference) -> str:
     >>> needed_text(Difference("a", "b", NEW, Estimate(0.1, 0, 0.2), 1, needed))
     'about 24 scenes; not by more rollouts alone'
     """
-    if row.verdict == UNKNOWN:
-        what = "scenes" if row.scope == NEW else "rollouts"
-        return f"three or more {what}, to estimate how many"
-    if row.verdict != UNDECIDED:
+    if row.verdict not in (UNKNOWN, UNDECIDED):
         return ""
     if abs(row.figure.value) <= EQUAL:
         return "both have the same score"
+    if row.verdict == UNKNOWN:
+        what = "scenes" if row.scope == NEW else "rollouts"
+        # A p-value below 1 has three or more of them, whose differences are all the same.
+        return f"{what} that vary" if row.p < 1 else f"three or more {what}, to estimate how many"
     if not row.needed:
         return f"{SMALLEST} or more rollouts in each scene, to estimate how many"
     enough = [WAYS[way].format(count) for way, count in row.needed.items() if count]

@@ -188,6 +188,21 @@ def test_scores_that_are_no_successes_are_not_called_so(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out.json").read_text())["score"] == "score"
 
 
+@pytest.mark.parametrize(
+    ("apart", "count", "text"),
+    [
+        (0.0, 10, "both have the same score"),
+        (1.0, 10, "rollouts that vary"),
+        (1.0, 2, "three or more rollouts, to estimate how many"),
+    ],
+)
+def test_more_rollouts_are_wanted_only_of_too_few(apart: float, count: int, text: str) -> None:
+    scores = np.arange(2.0, 2 + count)[None]
+    policies = {"a": rollouts("a", scores), "b": rollouts("b", scores + apart)}
+    these, _ = compare_policies(policies)
+    assert (these.verdict, needed_text(these)) == ("unknown", text)
+
+
 def test_one_rollout_a_scene_does_not_tell_how_many_are_needed() -> None:
     rng = np.random.default_rng(0)
     policies = {name: rollouts(name, rng.random((30, 1)) < 0.5) for name in "ab"}
