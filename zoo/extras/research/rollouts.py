@@ -148,7 +148,10 @@ class TableKind:
             cells = {key: row[name] if name else None for key, name in columns.items()}
             texts = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
             where = f"{path}: line {number}"
-            rollouts.append(Rollout(score=_number(_score(row, score, path), where), **texts))
+            value = _number(_score(row, score, path), where)
+            if score == "success" and value not in (0, 1):
+                raise InputError(f"{where}: success is {value:g}, not 0 or 1; name it score")
+            rollouts.append(Rollout(score=value, **texts))
         return rollouts, []
 
 
@@ -227,9 +230,10 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 
 def _score(scores: Any, name: str, path: Path) -> Any:
+    if not name:
+        raise UsageError(f"{path}: has no column success or score; name another with score=COLUMN")
     if name not in scores:
-        typed = f"score={name}" if name else "score="
-        raise UsageError(f"{typed}: {path} has no such score; {hint(name, list(scores))}")
+        raise UsageError(f"score={name}: {path} has no such score; {hint(name, list(scores))}")
     return scores[name]
 
 
