@@ -11,8 +11,8 @@ from zoo.simulator.track_names import (
     ALIASES,
     DRAWN,
     family_names,
-    is_included,
     recorded_name,
+    short_name,
     track_folder,
     track_names,
 )
@@ -41,8 +41,5 @@ def read_track(name: str) -> Track:
             f"such as {families[0]}:17 ({', '.join(families)}); {hint(name, names)}"
         )
     content = read_yaml(path)
-    # A user's file is never ranked as the included track of its name.
-    is_namesake = path.resolve().parent != track_folder().resolve() and is_included(path.stem)
-    name = path.name if is_namesake else recorded_name(path.stem)
     with placed_errors(path):
-        return make_track(name, content, path.parent)
+        return make_track(recorded_name(short_name(str(path))), content, path.parent)

@@ -56,18 +56,25 @@ def recorded_name(name: str) -> str:
 def short_name(track: str) -> str:
     """Return the name of a track for headings: without the folder and suffix of its file.
 
+    A user's file is never called as the included track of its name.
+
     >>> short_name("udacity_lake"), short_name("alpine:17"), short_name("roads/own.yaml:17")
     ('udacity_lake', 'alpine:17', 'own:17')
+    >>> short_name("roads/own.yaml"), short_name("roads/lake.yaml")
+    ('own', 'lake.yaml')
     """
-    drawn = DRAWN.fullmatch(track)
-    return f"{Path(drawn[1]).stem}:{drawn[2]}" if drawn else Path(track).stem
+    path = Path(track)
+    if drawn := DRAWN.fullmatch(track):
+        return f"{Path(drawn[1]).stem}:{drawn[2]}"
+    is_users = path.suffix and path.resolve().parent != track_folder().resolve()
+    return path.name if is_users and is_included(path.stem) else path.stem
 
 
 def full_name(track: str) -> str:
     """Return the name of a track for sentences, which never takes one track for another.
 
     >>> full_name("lake"), full_name("udacity_lake"), full_name("roads/lake.yaml")
-    ('zoo_lake', 'udacity_lake', 'lake')
+    ('zoo_lake', 'udacity_lake', 'lake.yaml')
     """
     return ALIASES.get(track, short_name(track))
 

@@ -340,7 +340,7 @@ def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: P
         ("lake", "lake", "zoo_lake"),
         ("lake", "zoo_lake", "zoo_lake"),
         ("udacity_lake", "udacity_lake", "udacity_lake"),
-        ("lake", "roads/lake.yaml", "lake"),
+        ("lake.yaml", "roads/lake.yaml", "lake.yaml"),
     ],
 )
 def test_the_headline_names_which_lake_was_driven(recorded: str, typed: str, name: str) -> None:
