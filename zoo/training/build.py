@@ -35,6 +35,7 @@ from zoo.models.make_network import VIEW_KEYS, make_network, view_of
 from zoo.models.network_facts import facts_of, loss_facts_of
 from zoo.runs.allowed_classes import with_present_names
 from zoo.training.batch_step import BatchStep
+from zoo.training.candidates import mode_of
 from zoo.training.captured_step import CapturedGroup
 from zoo.training.closed_loop import DROVE, ClosedLoop
 from zoo.training.compiled_loss import compiled_loss
@@ -235,6 +236,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
     no_rows = None if has_validation else "data.val_share=0"
     if lightnings.get("limit_val_batches") == 0:
         no_rows = "trainer.limit_val_batches=0"
+    lost = f"but {no_rows} leaves no validation rows; set another number, or"
     drives = any(isinstance(callback, ClosedLoop) for callback in callbacks)
     for callback in callbacks:
         if isinstance(callback, ModelCheckpoint):
@@ -243,19 +245,15 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         what = f"{type(callback).__name__} monitors {monitor}"
         if monitor.startswith("val/") and no_rows:
             raise InputError(
-                f"{what}, but {no_rows} leaves no validation rows; set another "
-                "number, or callbacks.early_stopping=null callbacks.best.monitor=train/loss"
+                f"{what}, {lost} callbacks.early_stopping=null callbacks.best.monitor=train/loss"
             )
         if monitor.startswith(DROVE) and not drives:
             raise InputError(f"{what}, but nothing drives; add callbacks=closed_loop")
-        best = "max" if monitor in ("drive/autonomy", "drive/score") else "min"
+        best = mode_of(monitor)
         if monitor.startswith(DROVE) and getattr(callback, "mode", best) != best:
             raise InputError(f"{what}, of which the {best} is best; set its mode={best} too")
     if no_rows and str((config.schedule or {}).get("_target_")).endswith("ReduceLROnPlateau"):
-        raise InputError(
-            f"schedule=plateau follows val/mse, but {no_rows} leaves no validation rows; set "
-            "another number, or schedule=constant"
-        )
+        raise InputError(f"schedule=plateau follows val/mse, {lost} schedule=constant")
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.get("logger") or {}).items():
         if settings:

@@ -140,8 +140,13 @@ def monitored_as(monitor: str | None) -> str:
     """
     if monitor is None:
         return "last epoch"
+    return f"{'lowest' if mode_of(monitor) == 'min' else 'best'} {monitor}"
+
+
+def mode_of(monitor: str) -> str:
+    """Return Lightning's `mode` of a figure of ours: whether the least or the greatest is best."""
     less = any(word in monitor for word in ("mse", "mae", "loss", "cte", "interventions"))
-    return f"{'lowest' if less else 'best'} {monitor}"
+    return "min" if less else "max"
 
 
 def take(checkpoints: Path, file: str) -> None:
