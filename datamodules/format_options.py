@@ -108,7 +108,8 @@ class ReadOptions:
         for key, name in columns.items():
             if type(name) not in (str, int):
                 raise UsageError(
-                    f"columns: {key}: {name}: must be a column's name, or its position from 0"
+                    f"columns: {key}: {name}: must be a column's name, or its position from 0, as "
+                    "in {image: NAME, steering: 3}"
                 )
         return {key: str(name) for key, name in columns.items()}
 
