@@ -29,7 +29,6 @@ MOST_HASHED_BYTES = 8_000_000_000
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 MOST_JSON_BYTES = 16_000_000
 MOST_YAML_BYTES = 1_000_000
-MOST_LEVELS = MOST["levels"]
 MOST_DIGITS = 4300  # of a number; Python's own limit
 MOST_GROUPS = 100  # of base 60: YAML 1.1 reads 1:30 as 90
 MOST_BITS = 14_280  # of a number with fewer digits
@@ -72,7 +71,7 @@ def parse_json(text: str) -> object:
     try:
         return json.loads(text)
     except RecursionError:
-        raise ValueError(f"nested deeper than {MOST_LEVELS} levels") from None
+        raise ValueError(f"nested deeper than {MOST['levels']} levels") from None
 
 
 def read_like(path: Path, folder: Path) -> object:
@@ -130,8 +129,8 @@ def check_yaml(text: str, any_path: bool = False) -> None:
             if getattr(event, "tag", None) is not None:
                 raise ValueError(f"line {line}: {event.tag:.80} is a tag; delete it")
             depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
-            if depth > MOST_LEVELS:
-                raise ValueError(f"line {line}: nested deeper than {MOST_LEVELS} levels")
+            if depth > MOST["levels"]:
+                raise ValueError(f"line {line}: nested deeper than {MOST['levels']} levels")
             if isinstance(event, yaml.ScalarEvent) and not event.style:
                 size = len(event.value)
                 is_long = size > MOST_DIGITS or event.value.count(":") > MOST_GROUPS

@@ -16,14 +16,13 @@ from typing import Any
 
 from zoo.base.bounded_files import (
     MOST_JSON_BYTES,
-    MOST_LEVELS,
     check_text,
     open_binary,
     parse_json,
     read_text,
 )
 from zoo.base.errors import InputError, optional_import
-from zoo.base.limits import open_archive
+from zoo.base.limits import MOST, open_archive
 from zoo.base.process_pool import read_apart
 from zoo.checkpoints.network_files import TORCH
 from zoo.extras.keras.keras_arrays import WeightsFile
@@ -209,8 +208,8 @@ def _checked_model(contents: str, path: Path) -> dict:
 
 def _without_code(node: object, depth: int = 0) -> object:
     """Return a config without the code of Lambdas, the only text that may contain NUL."""
-    if depth > MOST_LEVELS:
-        raise ValueError(f"nested deeper than {MOST_LEVELS} levels")
+    if depth > MOST["levels"]:
+        raise ValueError(f"nested deeper than {MOST['levels']} levels")
     if isinstance(node, dict):
         return {
             k: None if k == "function" else _without_code(v, depth + 1) for k, v in node.items()
