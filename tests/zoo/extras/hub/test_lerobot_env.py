@@ -3,11 +3,14 @@
 import re
 import runpy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from zoo.base.rig import MPS_PER_MPH
+from zoo.extras.hub.lerobot.lerobot_world import open_lerobot_world
+from zoo.simulator.simulated_world import Start
 
 PAGE = Path(__file__).parents[4] / "docs" / "gymnasium.md"
 
@@ -49,3 +52,18 @@ def test_the_environment_for_lerobot_has_the_units_of_a_converted_dataset(tmp_pa
     assert mps == pytest.approx(mph * MPS_PER_MPH, rel=1e-4)
     assert not info["is_success"].any()
     envs.close()
+
+
+@pytest.mark.parametrize(("cte", "success"), [(0.0, True), (4.0, False)])
+def test_an_open_roads_end_is_a_success_on_the_road(cte: float, success: bool) -> None:
+    env = open_lerobot_world("Alpine-v0", 30, width=16, height=8, quality="simple")
+    env.reset(seed=1)
+    inner: Any = env.unwrapped
+    length = inner.world.track.length
+    inner.world.reset(0, Start(distance=length - 1, cte=cte, speed_mph=20))
+    terminated = False
+    while not terminated:
+        _, _, terminated, truncated, info = env.step([0, 0, 0])
+    env.close()
+    assert info["is_success"] is success
+    assert not truncated

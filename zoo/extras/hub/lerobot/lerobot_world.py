@@ -1,5 +1,6 @@
 """A world with the names and units of a dataset that `drivezoo convert` wrote for LeRobot."""
 
+import math
 from typing import Any
 
 import gymnasium
@@ -14,6 +15,8 @@ GYM_ID = "drivezoo/LeRobot-v0"
 
 class LeRobotWorld(gymnasium.Wrapper):
     """A world with the names of a converted dataset; a success stays on the road to the end.
+
+    The end is that of the time, of `laps` or of an open road.
 
     Args:
         env: environment of drivezoo.
@@ -40,9 +43,11 @@ class LeRobotWorld(gymnasium.Wrapper):
         steering, throttle, brake = np.clip(np.asarray(action, float), -1, 1)
         action = np.array([steering, throttle - brake], np.float32).clip(-1, 1)
         observation, reward, terminated, truncated, info = self.env.step(action)
-        stayed = bool(truncated and not terminated and not info["off_road"])
+        inner: Any = self.unwrapped
+        arrived = inner.world.is_complete(inner.laps or math.inf)
+        stayed = (arrived or (truncated and not terminated)) and not info["off_road"]
         named = self._named(observation)
-        return named, reward, terminated, truncated, info | {"is_success": stayed}
+        return named, reward, terminated, truncated, info | {"is_success": bool(stayed)}
 
     def _named(self, observation: Any) -> dict[str, Any]:
         state = observation["speed"] * np.array([1, MPS_PER_MPH], np.float32)
