@@ -31,7 +31,7 @@ from zoo.base.errors import InputError, UsageError
 
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
 MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
-_REGISTERS = re.compile(r"^@(\w+\.)*(metric|perturbation|world)\b", re.MULTILINE)
+_REGISTERS = re.compile(r"(?m)^(@(\w+\.)*(metric|perturbation|world)\b|\s*(gym[\w.]*)?register\()")
 _FORMAT = re.compile(r"^def detect\(", re.MULTILINE)
 _CLASS = re.compile(r"^\s*class \w", re.MULTILINE)
 
@@ -134,7 +134,7 @@ def named_parts() -> tuple[Part, ...]:
 def registering_parts(group: str) -> tuple[list[Part], list[Part]]:
     """Return the parts that may register functions: the user's, and those of installed packages.
 
-    Of the user's files, only those that use a registering decorator: others may be scripts.
+    Of the user's files, only those that register by a decorator or a call: others may be scripts.
 
     Args:
         group: group of the packages' entry points.

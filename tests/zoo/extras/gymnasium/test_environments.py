@@ -1,5 +1,6 @@
 """Gymnasium environments as worlds: what a YAML file maps, and a line for each fault."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from tests.contracts.test_worlds import (  # noqa: F401  the contract, with the 
 )
 from zoo.base.conf_files import choice_files
 from zoo.base.errors import InputError
+from zoo.base.parts import name_parts
 from zoo.checkpoints.policy_base import as_policy
 from zoo.driving.drive_loop import drive
 from zoo.driving.drives_table import mean_and_spread
@@ -226,6 +228,22 @@ def test_a_fault_is_one_line(text: str, fault: str, line: str) -> None:
     with pytest.raises(InputError, match=line) as raised:
         straight(text)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("call", ["register", "gymnasium.register", "if True:\n    gym.register"])
+def test_a_users_file_registers_an_environment(
+    call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DRIVEZOO_PARTS", "")
+    monkeypatch.setattr("sys.path", sys.path.copy())
+    part = tmp_path / f"own_car_{len(call)}.py"
+    code = "import gymnasium\nimport gymnasium as gym\nfrom gymnasium import register\n"
+    part.write_text(f"{code}{call}('OwnCar-v0', '{__name__}:SmallCar')\n")
+    name_parts([str(part)])
+    try:
+        straight(MAPPED.replace("SmallCar", "OwnCar"))
+    finally:
+        gymnasium.registry.pop("OwnCar-v0", None)
 
 
 def test_an_id_is_the_world_itself_and_excludes_a_track() -> None:
