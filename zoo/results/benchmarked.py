@@ -311,8 +311,8 @@ def nan_line(result: BenchmarkResult) -> str:
     lost = [drive for drive in result.drives if drive.figures.get("nan_frames")]
     if not lost:
         return ""
-    frames = sum(int(drive.figures["nan_frames"] or 0) for drive in lost)
+    frames = counted(sum(int(drive.figures["nan_frames"] or 0) for drive in lost), "frame")
     return (
-        f"{result.checkpoints[lost[0].checkpoint].file}: the network steered NaN in {frames:,} "
-        "frames: these figures are not the network's; train again with a smaller optim.lr"
+        f"{result.checkpoints[lost[0].checkpoint].file}: the network steered NaN in {frames}: "
+        "these figures are not the network's; train again with a smaller optim.lr"
     )

@@ -30,7 +30,7 @@ from zoo.extras.teaching.submitted_network import (
     network_facts,
     read_facts,
 )
-from zoo.results.benchmarked import Benchmarked
+from zoo.results.benchmarked import Benchmarked, nan_line
 from zoo.results.marks import (
     OPEN,
     PASSED,
@@ -237,6 +237,8 @@ def _grade(
         if not (folder / NAME).is_file():
             _drive(folder, submission, out / SUITE, options.minutes)
         result = Benchmarked.read(folder).result
+        if line := nan_line(result):
+            raise InputError(line)
         grade = Grade(submission, result, reached_marks(result, suite.marks))
         with _noted(problems, "not looked at"):
             grade = replace(grade, facts=read_facts(facts_file(folder)))

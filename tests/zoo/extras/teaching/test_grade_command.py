@@ -40,7 +40,8 @@ from zoo.extras.teaching.submitted_network import (
     read_facts,
     write_facts,
 )
-from zoo.results.result import NAME, Driver
+from zoo.results.checked_result import read_result
+from zoo.results.result import NAME, Driver, write_result
 from zoo.results.suite import read_suite
 from zoo.training.recorded_roads import road_key, trained_roads
 
@@ -375,6 +376,25 @@ def test_an_unexpected_error_is_one_students_alone(
     assert "RuntimeError: something odd" in " ".join(ann.warnings)
     assert (ann.status, ben.status) == ("not driven" if part == "_drive" else "passed", "passed")
     assert "something odd" in (here / "out" / "grades.html").read_text()
+
+
+@pytest.mark.usefixtures("as_ada")
+def test_a_network_that_steers_nan_has_no_points(
+    suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_constant(here / "class" / "ann.ckpt", 0.0)
+    copy = graded._drive
+
+    def steer_nan(folder: Path, *rest: object) -> None:
+        copy(folder, *rest)
+        result = read_result(folder)
+        result.drives[0].figures["nan_frames"] = 1
+        write_result(folder, result)
+
+    monkeypatch.setattr(graded, "_drive", steer_nan)
+    marks = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    assert (marks.grades[0].status, marks.points) == ("not driven", [None])
+    assert "steered NaN in 1 frame:" in marks.lines[0]
 
 
 @pytest.mark.usefixtures("as_ada")
