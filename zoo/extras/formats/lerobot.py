@@ -173,9 +173,11 @@ def _size_fault(folder: Path, info: dict[str, Any], rows: Counter[int]) -> str:
 
 
 def _notes(meaning: Meaning, speed_unit: str) -> list[str]:
-    notes, steering = [], meaning.roles["steering"]
-    if steering.key != "steering":
-        notes.append(f"steering is {steering} ({steering.name or 'no name'})")
+    notes = [
+        f"{role} is {part} ({part.name or 'no name'})"
+        for role, part in meaning.roles.items()
+        if part.key not in (role, f"{role}_mph")
+    ]
     missing = [role for role in ("throttle", "brake", "speed") if role not in meaning.roles]
     if missing:
         notes.append(f"the dataset has no {', '.join(missing)}: 0 in each row")

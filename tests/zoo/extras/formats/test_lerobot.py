@@ -196,7 +196,9 @@ def test_a_foreign_dataset_is_understood_by_its_names(png: bool, tmp_path: Path)
     seen = [read_image(path).mean() for path in new.images[:, 0]]
     assert seen == pytest.approx([20 * number for number in range(10)], abs=3)
     notes = "\n".join(result.notes)
-    assert "action:1 (steering wheel)" in notes
+    assert "steering is action:1 (steering wheel)" in notes
+    assert "throttle is action:0 (gas pedal)" in notes
+    assert "speed is observation.state:0 (speed_kmh)" in notes
     assert read_image(new.images[0, 0]).shape == (64, 96, 3), "its own size"
     assert ("observation.images.front_left" in notes) is False
 
