@@ -101,6 +101,8 @@ def find_meaning(
             f"{source}: no feature's name tells that it steers; name it with steering=, one of "
             f"{_list(map(str, components))}"
         )
+    if "brake" in roles and roles["brake"] == roles.get("throttle"):
+        del roles["brake"]  # one number for both, `throttle_brake`: below 0 it brakes
     speed = roles.get("speed")
     units = [speed_unit]
     if speed:

@@ -270,6 +270,18 @@ def test_a_speeds_name_has_its_unit_and_a_turns_velocity_is_none(name: str, mps:
     assert not meaning.assumed_unit
 
 
+def test_one_number_for_both_pedals_is_the_throttle_alone() -> None:
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle_brake"]},
+        "observation.images.front": {"dtype": "video"},
+    }
+    roles = find_meaning(features, "info.json", None, None, "mps").roles
+    assert {role: str(part) for role, part in roles.items()} == {
+        "steering": "action:0",
+        "throttle": "action:1",
+    }
+
+
 def _info(dataset: Path, **changed: object) -> None:
     path = dataset / "meta/info.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | changed))
