@@ -43,7 +43,7 @@ def test_the_environment_for_lerobot_has_the_units_of_a_converted_dataset(tmp_pa
     envs = names["make_env"](2)
     observation, _ = envs.reset(seed=[1, 2], options={"lerobot_new_rollout": True})
     assert observation["pixels"]["center"].shape == (2, 160, 320, 3)
-    assert envs.call("_max_episode_steps") == (450, 450)
+    assert envs.call("_max_episode_steps") == (451, 451)
     for _ in range(5):
         observation, *_, info = envs.step(np.array([[0, 1, 0.2], [0, 0.5, 0.5]], np.float32))
     mph, mps = observation["agent_pos"].T
@@ -67,3 +67,15 @@ def test_an_open_roads_end_is_a_success_on_the_road(cte: float, success: bool) -
     env.close()
     assert info["is_success"] is success
     assert not truncated
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.4666, 1.5])
+def test_the_end_of_the_time_comes_before_lerobots_last_step(seconds: float) -> None:
+    env = open_lerobot_world("Lake-v0", seconds, width=16, height=8, quality="simple")
+    env.reset(seed=1)
+    for _ in range(env._max_episode_steps):
+        _, _, _, truncated, info = env.step([0, 0, 0])
+        if truncated:
+            break
+    env.close()
+    assert info["is_success"]

@@ -27,7 +27,8 @@ class LeRobotWorld(gymnasium.Wrapper):
 
     def __init__(self, env: gymnasium.Env, seconds: float) -> None:
         super().__init__(env)
-        self._max_episode_steps = round(seconds * env.metadata["render_fps"])
+        # LeRobot stops there, and needs the environment's own end before it for a success.
+        self._max_episode_steps = math.ceil(seconds * env.metadata["render_fps"]) + 1
         pixels = spaces.Dict({"center": env.observation_space["image"]})  # type: ignore[index]
         state = spaces.Box(0, 200, (2,), np.float32)  # mph, m/s
         self.observation_space = spaces.Dict({"pixels": pixels, "agent_pos": state})
