@@ -74,8 +74,9 @@ def test_the_end_of_the_time_comes_before_lerobots_last_step(seconds: float) -> 
     env = open_lerobot_world("Lake-v0", seconds, width=16, height=8, quality="simple")
     env.reset(seed=1)
     for _ in range(env._max_episode_steps):
-        _, _, _, truncated, info = env.step([0, 0, 0])
+        _, _, _, truncated, info = env.step([0, 0, -1])
         if truncated:
             break
     env.close()
     assert info["is_success"]
+    assert info["speed_mph"] == 0, "a brake below 0 is none, and no throttle"

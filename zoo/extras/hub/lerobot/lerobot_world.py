@@ -32,7 +32,8 @@ class LeRobotWorld(gymnasium.Wrapper):
         pixels = spaces.Dict({"center": env.observation_space["image"]})  # type: ignore[index]
         state = spaces.Box(0, 200, (2,), np.float32)  # mph, m/s
         self.observation_space = spaces.Dict({"pixels": pixels, "agent_pos": state})
-        self.action_space = spaces.Box(-1, 1, (3,), np.float32)  # steering, throttle, brake
+        # Steering, throttle, brake.
+        self.action_space = spaces.Box(np.array([-1, -1, 0], np.float32), np.ones(3, np.float32))
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
         """Begin an episode; LeRobot's options are not those of the environment."""
@@ -41,7 +42,7 @@ class LeRobotWorld(gymnasium.Wrapper):
 
     def step(self, action: Any) -> Any:
         """Drive one frame."""
-        steering, throttle, brake = np.clip(np.asarray(action, float), -1, 1)
+        steering, throttle, brake = np.clip(np.asarray(action, float), (-1, -1, 0), 1)
         action = np.array([steering, throttle - brake], np.float32).clip(-1, 1)
         observation, reward, terminated, truncated, info = self.env.step(action)
         inner: Any = self.unwrapped
