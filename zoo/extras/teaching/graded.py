@@ -339,7 +339,10 @@ def _write_page(out: Path, grade: Grade, is_secret: bool, problems: Sequence[str
         reasons = [Section("", [Bullets(problems)])]
         write_whole(path, to_html(f"{grade.submission.name}: not driven", reasons, footer=""))
         return
-    if path.is_file() and grade.result.digest in path.read_text(encoding="utf-8"):
+    facts = [f"SHA-256 of the file: {grade.result.checkpoints[0].sha256}"]
+    facts.append(f"Digest of the drives: {grade.result.digest}")
+    page = path.read_text(encoding="utf-8") if path.is_file() else ""
+    if all(fact in page for fact in facts):
         return  # of an earlier command
     folder = _drives(out, grade.submission)
     blocks: list[Block] = []
@@ -347,8 +350,6 @@ def _write_page(out: Path, grade: Grade, is_secret: bool, problems: Sequence[str
         blocks += [Heading(_named(grade.result.drives[number], is_secret))]
         blocks += failure(failure_folder(folder, group), with_path=not is_secret)
     sections = [Section("Where it left the road", blocks)] if blocks else []
-    facts = [f"SHA-256 of the file: {grade.result.checkpoints[0].sha256}"]
-    facts.append(f"Digest of the drives: {grade.result.digest}")
     secret = [Text(KEPT_BACK)] if is_secret else []
     sections.append(Section("What was driven", [Bullets(facts), *secret]))
     write_whole(path, marks_page(grade.result, grade.reached, sections))

@@ -23,6 +23,7 @@ from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.results.test_benchmark_command import write_family, write_suite
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.base import console_progress
+from zoo.base.bounded_files import hash_file
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import PACKAGED
@@ -395,6 +396,26 @@ def test_a_network_that_steers_nan_has_no_points(
     marks = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
     assert (marks.grades[0].status, marks.points) == ("not driven", [None])
     assert "steered NaN in 1 frame:" in marks.lines[0]
+
+
+@pytest.mark.usefixtures("as_ada")
+def test_a_page_names_the_file_that_was_driven_last(
+    suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = graded._drive
+
+    def drive(folder: Path, submission: Submission, *rest: object) -> None:
+        copy(folder, submission, *rest)  # the drives are the same whatever the file's epoch
+        result = read_result(folder)
+        sha256 = hash_file(submission.file)
+        drivers = [result.checkpoints[0].model_copy(update={"sha256": sha256})]
+        write_result(folder, result.model_copy(update={"checkpoints": drivers}))
+
+    monkeypatch.setattr(graded, "_drive", drive)
+    for epoch in (0, 1):
+        path = write_constant(here / "class" / "ann.ckpt", 0.0, epoch)
+        grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+        assert hash_file(path) in (here / "out" / graded.PAGES / "ann.html").read_text()
 
 
 @pytest.mark.usefixtures("as_ada")
