@@ -291,6 +291,9 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
         finally:
             end_module(process)
     if not (folder / NAME).is_file():
+        if process.returncode < 0:  # the last line is of its progress
+            signal = -process.returncode
+            raise InputError(f"killed by signal {signal}, perhaps because memory ran out")
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         problem = lines[-1].rpartition("drivezoo benchmark: ")[2] if lines else ""
         raise InputError(problem or f"ended with {process.returncode}")

@@ -185,17 +185,28 @@ def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_p
     assert [file.name for file in (tmp_path / "drives").glob("*.txt")] == ["eve.1-0.txt"]
 
 
-def test_a_process_that_dies_is_named_by_its_last_line(
-    submitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        ("print('Segmentation fault'); sys.exit(139)", "^Segmentation fault$"),
+        pytest.param(
+            "print('driving 16 roads: 9%', flush=True); os.kill(os.getpid(), 9)",
+            "^killed by signal 9, perhaps because memory ran out$",
+            marks=pytest.mark.skipif(sys.platform == "win32", reason="has no such signal"),
+        ),
+    ],
+)
+def test_a_process_that_dies_is_named_by_its_signal_or_last_line(
+    submitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, reason: str
 ) -> None:
-    program = "import sys; print('Segmentation fault'); sys.exit(139)"
+    program = f"import os, sys; {end}"
 
     def start(*_: str, **output: object) -> subprocess.Popen:
         return subprocess.Popen([sys.executable, "-c", program], **output)
 
     monkeypatch.setattr(graded, "start_module", start)
     submission = Submission("eve", submitted / "eve.ckpt")
-    with pytest.raises(InputError, match="Segmentation fault"):
+    with pytest.raises(InputError, match=reason):
         graded._drive(tmp_path / "drives" / "eve-0", submission, tmp_path / "suite.yaml", 1.0)
 
 
