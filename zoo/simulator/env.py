@@ -106,14 +106,14 @@ class DrivingEnv(gymnasium.Env):
         if renderer == "none":
             raise InputError("renderer=none: observations need camera frames; use renderer=auto")
         for name, value, least, most in (
-            ("laps", laps, 1, math.inf),
-            ("max_seconds", max_seconds, 0, math.inf),
+            ("laps", 1 if laps is None else laps, 1, math.inf),
+            ("max_seconds", 0 if max_seconds is None else max_seconds, 0, math.inf),
             ("off_road_s", off_road_s, 0, math.inf),
             ("width", width, *rig.PIXELS),
             ("height", height, *rig.PIXELS),
             ("vertical_fov_deg", vertical_fov_deg, *rig.FOV_DEG),
         ):
-            if value is not None and not least <= value <= most:
+            if value is None or not least <= value <= most:
                 limit = "or more; inf for no limit" if most == math.inf else f"to {most:g}"
                 raise InputError(f"{name}={value}: must be {least:g} {limit}")
         self.metadata = {**self.metadata, "render_fps": frame_rate}

@@ -292,6 +292,7 @@ def test_it_renders_what_was_last_seen(opened):
         ({"laps": 0}, "laps=0: must be 1 or more"),
         ({"max_seconds": -1}, "max_seconds=-1"),
         ({"off_road_s": -1}, "off_road_s=-1"),
+        ({"off_road_s": None}, "off_road_s=None: must be 0 or more; inf"),
         ({"track": "lagoon"}, "no track lagoon"),
         ({"track": "lagoon:*"}, "no family of roads 'lagoon'"),
         ({"width": 4}, "width=4: must be 8 to 1024"),
