@@ -172,7 +172,7 @@ class DrivingEnv(gymnasium.Env):
         elif self.world.renderer is None:
             self._open(self.track)
         if unknown := set(options) - START_KEYS:
-            names = ", ".join(sorted(START_KEYS | {"weather"}))
+            names = ", ".join(sorted({*START_KEYS, "weather", *["seed"] * bool(self.family)}))
             raise InputError(f"reset: unknown option {unknown.pop()}; available: {names}")
         start = {}
         if self.random_start:

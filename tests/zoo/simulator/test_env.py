@@ -180,6 +180,8 @@ def test_the_seed_chooses_a_familys_road_and_an_option_another():
     assert roads[2] == "alpine:5"
     assert roads[1] not in roads[2:]
     assert np.array_equal(env.reset(seed=17)[0]["image"], frame["image"])
+    with pytest.raises(InputError, match=r"unknown option road; available: .*\bseed\b"):
+        env.reset(options={"road": 5})
     env.close()
 
 
