@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from zoo.base.command import is_path
 from zoo.base.conf_files import choices
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import OUTPUTS, packaged_names, runs_below, short_name
@@ -63,7 +64,7 @@ def existing(folder: str) -> str:
         InputError: there is no such folder.
     """
     path = Path(os.path.expanduser(folder))  # noqa: PTH111 Path's raises for an unknown user
-    if not folder or not path.is_dir():
+    if not is_path(folder) or not path.is_dir():
         raise InputError(f"{folder}: no such folder")
     # Else it would be a key.
     return str(path.absolute()) if "=" in folder else folder

@@ -245,7 +245,8 @@ def take_upload(name: str, environ: dict) -> str:
     if kind not in KINDS:
         raise InputError(f"{name[:80]}: is of no kind that drives; upload {', '.join(KINDS)}")
     length = environ.get("CONTENT_LENGTH") or ""
-    if not length.isdecimal() or not 0 < int(length) < MOST_UPLOAD:
+    # Python reads no number of thousands of digits.
+    if not length.isdecimal() or len(length) > 9 or not 0 < int(length) < MOST_UPLOAD:
         line = f"{name[:80]}: must have 1 to {MOST_UPLOAD:,} bytes"
         raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, line)
     UPLOADS.mkdir(parents=True, exist_ok=True)

@@ -125,6 +125,7 @@ def test_an_editor_keeps_and_prints_its_edits(here: Path, capsys: pytest.Capture
     [
         ({"step": "check", "folder": "missing"}, "missing: no such folder"),
         ({"step": "edit", "folder": "~nobodyx/drives"}, "~nobodyx/drives: no such folder"),
+        ({"step": "check", "folder": "a" * 3000}, "aaa: no such folder"),
         ({"step": "train", "recipe": "../x"}, "recipe=../x"),
         ({"step": "train", "augment": ["x,model=y"]}, "augment=x,model=y"),
         ({"step": "train", "seeds": 6}, "seeds"),
@@ -184,8 +185,9 @@ def test_an_upload_lies_in_a_folder_of_its_own(studio: Served, here: Path) -> No
     assert path.parent == here / UPLOADS
     assert json.loads(body)["network"] == str(path.relative_to(here))
     assert studio.line(step="watch", first=str(path.relative_to(here)))
-    long = {"Content-Length": str(MOST_UPLOAD)}
-    assert studio.ask("POST", "/upload?name=a.ckpt", None, **long)[0] == 413
+    for length in (str(MOST_UPLOAD), "9" * 5000):
+        long = {"Content-Length": length}
+        assert studio.ask("POST", "/upload?name=a.ckpt", None, **long)[0] == 413
 
 
 @pytest.mark.slow
