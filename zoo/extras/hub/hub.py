@@ -67,6 +67,8 @@ def hub(
         return
     if repo is None:
         raise UsageError("repo: name a repository, repo=user/name, or a folder, repo=./card")
+    if send and _is_folder(repo):
+        raise UsageError(f"send: nothing is sent to the folder {repo}; write repo=user/name")
     if license is not None and not _LICENSE.fullmatch(license):
         raise UsageError(f"license={license}: write an abbreviation, such as mit")
     if not _is_folder(repo):
