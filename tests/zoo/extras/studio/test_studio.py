@@ -125,7 +125,7 @@ def test_an_editor_keeps_and_prints_its_edits(here: Path, capsys: pytest.Capture
     [
         ({"step": "check", "folder": "missing"}, "missing: no such folder"),
         ({"step": "edit", "folder": "~nobodyx/drives"}, "~nobodyx/drives: no such folder"),
-        ({"step": "check", "folder": "a" * 3000}, "aaa: no such folder"),
+        ({"step": "check", "folder": "a" * 3000}, "(3001 characters) no such folder"),
         ({"step": "train", "recipe": "../x"}, "recipe=../x"),
         ({"step": "train", "augment": ["x,model=y"]}, "augment=x,model=y"),
         ({"step": "train", "seeds": 6}, "seeds"),
