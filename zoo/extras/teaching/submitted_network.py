@@ -23,6 +23,7 @@ IMAGES, SPEED_MPH = 64, 15.0
 # On noise, trainings that differ only in their seed correlate below 0.6, and a network whose
 # weights were changed by 3 % with its original by 0.998.
 NEAR = 0.95
+MOST_BYTES = 4_000_000_000  # memory of the process
 FLAT, CLOSE = 1e-3, 0.02  # deviation of a steering that hardly changes; difference of two such
 
 
@@ -94,7 +95,18 @@ def write_facts(file: Path, out: Path) -> None:
     write_whole(out, json_text(network_facts(file).model_dump()))
 
 
+def limit_memory() -> None:
+    """Limit this process's memory, as a graph may ask for any amount at a later image."""
+    if sys.platform != "win32":
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        with suppress(ValueError):  # the system's own limit is lower
+            resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, hard))
+
+
 if __name__ == "__main__":
+    limit_memory()
     facts = Path(sys.argv.pop(1))
     with suppress(InputError):  # of which the benchmark reports what is wrong with the file
         write_facts(Path(sys.argv[1]), facts)

@@ -185,6 +185,13 @@ def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_p
     assert [file.name for file in (tmp_path / "drives").glob("*.txt")] == ["eve.1-0.txt"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems set no such limit")
+def test_a_submission_has_a_limit_of_memory() -> None:
+    program = f"from {network_facts.__module__} import *; limit_memory(); bytearray(MOST_BYTES)"
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert ended.stderr.splitlines()[-1:] == ["MemoryError"]
+
+
 @pytest.mark.parametrize(
     ("end", "reason"),
     [
