@@ -31,7 +31,8 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
         most_request: bytes of a request's head and body.
 
     Raises:
-        InputError: the port is in use; names the process that holds it.
+        InputError: the host is no address of this machine; or the port is in use, by a process
+            that the message names.
     """
 
     daemon_threads = True
@@ -46,8 +47,9 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
         except OSError as error:
             holder = port_holder(port) if error.errno == errno.EADDRINUSE else None
             reason = f"held by {holder}" if holder else error.strerror
-            where = f"host={host} port={port}" if host != HOST else f"port={port}"
-            raise InputError(f"{where}: {reason}; add port=0 for a free one") from None
+            if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+                raise InputError(f"host={host}: {reason}; use the machine's IPv4 address") from None
+            raise InputError(f"port={port}: {reason}; add port=0 for a free one") from None
         self.set_app(OriginGuard(not is_loopback(host), Notices())(page))
 
     def server_bind(self) -> None:
@@ -99,7 +101,6 @@ class _Request(io.RawIOBase):
 
 class _Handler(WSGIRequestHandler):
     server: PageServer
-    timeout = PATIENCE_S
 
     def setup(self) -> None:
         super().setup()

@@ -12,7 +12,7 @@ from zoo.base.errors import UsageError
 from zoo.base.origin import is_loopback
 
 LEAST_KEY = 8  # characters
-EVERY = ("0.0.0.0", "::")  # hosts that stand for all addresses of this machine
+EVERY = "0.0.0.0"  # host that stands for all addresses of this machine
 
 
 @command(parts=False)
@@ -34,7 +34,7 @@ def studio(
 
     Raises:
         UsageError: other machines could use the page without a key.
-        InputError: the port is in use.
+        InputError: the host is no address of this machine, or the port is in use.
     """
     if not is_loopback(host) and len(key or "") < LEAST_KEY:
         raise UsageError(
@@ -46,7 +46,7 @@ def studio(
 
     page = StudioPage(key)
     with PageServer(port, page, host, MOST_UPLOAD) as server:
-        name = socket.gethostname() if host in EVERY else server.server_name
+        name = socket.gethostname() if host == EVERY else server.server_name
         address = f"http://{name}:{server.server_port}{f'/?token={quote(key)}' if key else ''}"
         if not is_loopback(host):
             print("warning: who has the key can use this account's files and processor")

@@ -170,6 +170,17 @@ def test_another_host_needs_a_key(here: Path) -> None:
     assert "key=" in line
 
 
+@pytest.mark.parametrize("host", ["::1", "192.0.2.1"])
+def test_a_host_that_is_none_of_this_machine_is_named_without_its_port(
+    host: str, here: Path
+) -> None:
+    options = (f"host={host}", "key=long enough")
+    line = only_line(run_here(here, *options, module="zoo.extras.studio.studio"))
+    assert line.startswith(f"drivezoo studio: host={host}: ")
+    assert "use the machine's IPv4 address" in line
+    assert "port=" not in line
+
+
 @pytest.mark.parametrize("name", ["a.py", "a.pkl", "", "../../a.yaml"])
 def test_only_networks_are_taken(studio: Served, here: Path, name: str) -> None:
     status, _, body = studio.ask("POST", f"/upload?name={name}", b"x")
