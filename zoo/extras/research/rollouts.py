@@ -198,19 +198,27 @@ def read_policies(
 
     Raises:
         InputError: see `read_file`, or there are fewer than two policies.
-        UsageError: see `read_file`, or there is not one name for each file.
+        UsageError: see `read_file`, there is not one name for each file, or one file has successes
+            and another has other scores.
     """
     if names and len(names) != len(paths):
         raise UsageError(f"names={','.join(names)}: needs a name for each of {len(paths)} files")
     policies: dict[str, list[Rollout]] = {}
     notes: list[str] = []
+    successes: dict[bool, Path] = {}  # a file for each: its scores are 0 and 1, or others
     for number, path in enumerate(paths):
         rollouts, more = read_file(path, wanted)
         notes += more
+        successes.setdefault(all(row.score in (0, 1) for row in rollouts), path)
         for row in rollouts:
             name = names[number] if names else row.policy or str(path)
             training = row.training or (str(path) if names.count(name) > 1 else "")
             policies.setdefault(name, []).append(replace(row, policy=name, training=training))
+    if len(successes) > 1 and not wanted.score:
+        raise UsageError(
+            f"{successes[True]}: has successes, {successes[False]} other scores; name the score "
+            "that all files have with score=NAME"
+        )
     if len(policies) < 2:
         raise InputError(
             f"{paths[0]}: one policy alone; name a second file, or the column with the policies' "

@@ -188,6 +188,16 @@ def test_scores_that_are_no_successes_are_not_called_so(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out.json").read_text())["score"] == "score"
 
 
+def test_successes_are_not_compared_with_other_scores(tmp_path: Path) -> None:
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    files[0].write_text("success,reward\n1,50\n0,40\n")
+    files[1].write_text("score,reward\n71.5,60\n0,30\n")
+    for each in (files, files[::-1]):
+        with pytest.raises(UsageError, match=r"a\.csv: has successes, .*b\.csv.*score=NAME"):
+            drivezoo.compare(*each, out=tmp_path / "out.json")
+    drivezoo.compare(*files, score="reward", out=tmp_path / "out.json")
+
+
 @pytest.mark.parametrize(
     ("apart", "count", "text"),
     [
