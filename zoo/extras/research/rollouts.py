@@ -197,7 +197,7 @@ def read_policies(
     Files of one name are trainings of one policy.
 
     Raises:
-        InputError: see `read_file`, or there are fewer than two policies.
+        InputError: see `read_file`, a file is named twice, or there are fewer than two policies.
         UsageError: see `read_file`, there is not one name for each file, or one file has successes
             and another has other scores.
     """
@@ -219,6 +219,10 @@ def read_policies(
             f"{successes[True]}: has successes, {successes[False]} other scores; name the score "
             "that all files have with score=NAME"
         )
+    files = [rollouts_path(path).resolve() for path in paths]
+    for number, path in enumerate(paths):
+        if files[number] in files[:number]:
+            raise InputError(f"{path}: is named twice; name each file once")
     if len(policies) < 2:
         raise InputError(
             f"{paths[0]}: one policy alone; name a second file, or the column with the policies' "

@@ -107,6 +107,14 @@ def test_files_of_one_name_are_trainings(tmp_path: Path, won: np.ndarray) -> Non
     assert not any(line.startswith("trainings:") for line in result.lines)
 
 
+def test_a_file_counts_once(tmp_path: Path, won: np.ndarray) -> None:
+    file = lerobot(tmp_path / "a" / "eval_info.json", list(won[0]))
+    other = lerobot(tmp_path / "b" / "eval_info.json", list(won[1]))
+    for names in ("act,act,pi", None):
+        with pytest.raises(InputError, match=f"{file}: is named twice"):
+            drivezoo.compare(file.parent, file, other, names=names, out=tmp_path / "out.json")
+
+
 def test_bench2drives_routes_are_scenes(tmp_path: Path) -> None:
     a = bench2drive(tmp_path / "a.json", {str(n): 100.0 for n in range(8)})
     b = bench2drive(tmp_path / "b.json", {str(n): 50.0 for n in range(1, 9)})
