@@ -198,8 +198,8 @@ def read_policies(
 
     Raises:
         InputError: see `read_file`, a file is named twice, or there are fewer than two policies.
-        UsageError: see `read_file`, there is not one name for each file, or one file has successes
-            and another has other scores.
+        UsageError: see `read_file`, there is not one name for each file or a file of several
+            policies has a name, or one file has successes and another has other scores.
     """
     if names and len(names) != len(paths):
         raise UsageError(f"names={','.join(names)}: needs a name for each of {len(paths)} files")
@@ -209,6 +209,12 @@ def read_policies(
     for number, path in enumerate(paths):
         rollouts, more = read_file(path, wanted)
         notes += more
+        inside = [*dict.fromkeys(row.policy for row in rollouts)]
+        if names and len(inside) > 1:
+            raise UsageError(
+                f"names={','.join(names)}: {path} has {len(inside)} policies, {inside[0]} first; "
+                "leave names= out, or save one policy in each file"
+            )
         successes.setdefault(all(row.score in (0, 1) for row in rollouts), path)
         for row in rollouts:
             name = names[number] if names else row.policy or str(path)

@@ -107,6 +107,14 @@ def test_files_of_one_name_are_trainings(tmp_path: Path, won: np.ndarray) -> Non
     assert not any(line.startswith("trainings:") for line in result.lines)
 
 
+def test_one_name_is_not_that_of_several_policies(tmp_path: Path) -> None:
+    several, single = tmp_path / "several.csv", tmp_path / "single.csv"
+    several.write_text("policy,success\na,1\nb,0\na,0\n")
+    single.write_text("policy,success\nc,1\nc,0\n")
+    with pytest.raises(UsageError, match=r"names=x,y: .*several\.csv has 2 policies, a first"):
+        drivezoo.compare(several, single, names="x,y", out=tmp_path / "out.json")
+
+
 def test_a_file_counts_once(tmp_path: Path, won: np.ndarray) -> None:
     file = lerobot(tmp_path / "a" / "eval_info.json", list(won[0]))
     other = lerobot(tmp_path / "b" / "eval_info.json", list(won[1]))
