@@ -72,7 +72,7 @@ class Benchmarked(Result):
     Attributes:
         folder: folder with `result.json`.
         result: contents of `result.json`.
-        reached: marks of the suite, and whether they are reached.
+        reached: marks of the suite, and whether they are reached; none if the network steered NaN.
         written: paths of the files written, `result.json` first.
         suite: suite as the user named it.
     """
@@ -179,7 +179,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
         )
         written = write_entry(folder, result)
         finished.remove()
-        reached = marks.reached_marks(result, suite.marks)
+        reached = [] if nan_line(result) else marks.reached_marks(result, suite.marks)
         if reached:
             worst = {
                 marks.failure_folder(folder, group): jobs[number]

@@ -17,6 +17,7 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.commands.benchmark import benchmark
+from zoo.results import suite_drives
 from zoo.results.benchmarked import PAGE, groups_table, overall, print_result
 from zoo.results.checked_result import caveats, read_result
 from zoo.results.result import NAME, digest_of_drives, write_result
@@ -312,6 +313,18 @@ def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None
     assert names == {NAME, PAGE, "marks.json", "marks.html", "failures"}
     assert "data:image/jpeg" in (tmp_path / "mean" / "marks.html").read_text()
     drive(["expert"], suite, tmp_path / "expert")
+
+
+def test_a_network_that_steers_nan_has_no_marks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite = write_suite(tmp_path, marks={"like": {"autonomy": 0}})
+    nan = {"nan_frames": 1}
+    monkeypatch.setattr(suite_drives, "drive_figures", lambda drive: drive_figures(drive) | nan)
+    with pytest.raises(InputError, match="the network steered NaN in 2 frames"):
+        drive(["zero"], suite, tmp_path / "nan")
+    names = {path.name for path in (tmp_path / "nan").iterdir() if path.name[0] != "."}
+    assert names == {NAME, PAGE}
 
 
 @pytest.mark.parametrize(
