@@ -134,7 +134,8 @@ class Referee(Result):
             "rollouts": [len(rollouts) for rollouts in rows],
             **{f"{name}s": [len(_known(r, name)) or None for r in rows] for name in UNTOLD},
         }
-        figures = {scope: [mean_score(rollouts, scope) for rollouts in rows] for scope in SCOPES}
+        limits = limits_of(rows)
+        figures = {scope: [mean_score(each, scope, limits) for each in rows] for scope in SCOPES}
         return Table(
             [
                 Column("policy", "policy", list(map(printable, self.policies))),
@@ -184,7 +185,7 @@ class Referee(Result):
 
     @property
     def _is_share(self) -> bool:
-        return all(limits_of(rollouts) == SHARE for rollouts in self.policies.values())
+        return limits_of(self.policies.values()) == SHARE
 
     def _column(self, heading: str, figures: Sequence[Estimate]) -> Column:
         form, factor = ("{:.1f}", 100) if self._is_share else ("{:.4g}", 1)

@@ -7,7 +7,7 @@ of trainings and units, so that rollouts that are paired and those that are not 
 import math
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -57,9 +57,9 @@ class Difference:
         return f"{self.a if self.figure.value > 0 else self.b} is better"
 
 
-def limits_of(rollouts: Sequence[Rollout]) -> tuple[float, float]:
-    """Return `SHARE` for scores in 0..1, else `ANY`."""
-    return SHARE if all(0 <= row.score <= 1 for row in rollouts) else ANY
+def limits_of(policies: Iterable[Sequence[Rollout]]) -> tuple[float, float]:
+    """Return `SHARE` if the scores of all policies are in 0..1, else `ANY`."""
+    return SHARE if all(0 <= row.score <= 1 for rows in policies for row in rows) else ANY
 
 
 def is_thin(*policies: Sequence[Rollout]) -> bool:
@@ -73,11 +73,17 @@ def is_thin(*policies: Sequence[Rollout]) -> bool:
     return any(min(count) < SMALLEST for count in counts) and len(counts[0]) >= FEWEST_ROADS
 
 
-def mean_score(rollouts: Sequence[Rollout], scope: str) -> Estimate:
-    """Return a policy's mean score with its 95 % interval over rollouts or scenes."""
+def mean_score(rollouts: Sequence[Rollout], scope: str, limits: tuple[float, float]) -> Estimate:
+    """Return a policy's mean score with its 95 % interval over rollouts or scenes.
+
+    Args:
+        rollouts: rollouts of the policy.
+        scope: THESE or NEW.
+        limits: limits of the score, those of all compared policies; see `limits_of`.
+    """
     scope = NEW if is_thin(rollouts) else scope
     units = _units(rollouts, scope)
-    order, limits = list(dict.fromkeys(units)), limits_of(rollouts)
+    order = list(dict.fromkeys(units))
     sums, counts = _tables(rollouts, units, order)
     return clustered(
         sums,
@@ -96,9 +102,10 @@ def compare_policies(policies: dict[str, list[Rollout]], paired: bool = False) -
         paired: whether trainings of the same seed are pairs.
     """
     rows: list[Difference] = []
+    limits = (-1.0, 1.0) if limits_of(policies.values()) == SHARE else ANY
     for scope in SCOPES:
         of_scope = [
-            _difference(policies[a], policies[b], scope, paired)
+            _difference(policies[a], policies[b], scope, paired, limits)
             for a, b in combinations(policies, 2)
         ]
         p_values = holm([row.p for row in of_scope])
@@ -109,10 +116,11 @@ def compare_policies(policies: dict[str, list[Rollout]], paired: bool = False) -
     return rows
 
 
-def _difference(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> Difference:
+def _difference(
+    a: list[Rollout], b: list[Rollout], scope: str, paired: bool, limits: tuple[float, float]
+) -> Difference:
     named, scope = scope, NEW if is_thin(a, b) else scope
     values, order, groups = _linear_parts(a, b, scope, paired)
-    limits = (-1.0, 1.0) if limits_of([*a, *b]) == SHARE else ANY
     names = list(map(repr, order))
     figure = clustered(values, places=names, groups=groups, limits=limits)
     p = p_value(values, names, groups) if len(order) >= FEWEST_ROADS else 1.0

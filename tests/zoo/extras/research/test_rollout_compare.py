@@ -10,12 +10,14 @@ from scipy import special
 
 import drivezoo
 from zoo.base.errors import InputError, UsageError
+from zoo.driving.clustered import SHARE
 from zoo.driving.intervals import share_interval
 from zoo.extras.research.referee import needed_text
 from zoo.extras.research.rollout_differences import NEW, THESE, compare_policies, mean_score
 from zoo.extras.research.rollouts import Rollout
 
 NORMAL = float(special.ndtri(0.975))
+SCORES = np.arange(30.0).reshape(5, 6)
 
 
 def rollouts(policy: str, won: np.ndarray, seeds: bool = True) -> list[Rollout]:
@@ -168,10 +170,10 @@ def test_pairs_take_fewer_rollouts_where_seeds_matter() -> None:
 
 def test_no_failure_has_the_exact_bound() -> None:
     won = rollouts("a", np.ones((5, 6)))
-    figure = mean_score(won, THESE)
+    figure = mean_score(won, THESE, SHARE)
     assert figure.high == 1
     assert figure.low == pytest.approx(share_interval(30, 30)[0])
-    assert mean_score(won, NEW).low == pytest.approx(share_interval(5, 5)[0])
+    assert mean_score(won, NEW, SHARE).low == pytest.approx(share_interval(5, 5)[0])
 
 
 def test_several_pairs_are_corrected(won: np.ndarray) -> None:
@@ -214,6 +216,19 @@ def test_successes_are_not_compared_with_other_scores(tmp_path: Path) -> None:
     drivezoo.compare(*files, score="reward", out=tmp_path / "out.json")
 
 
+def test_a_policy_that_scored_0_has_no_interval_in_0_to_1_where_another_scored_more(
+    tmp_path: Path,
+) -> None:
+    scored = {"none": 0 * SCORES, "half": 0 * SCORES + 0.5, "more": SCORES}
+    rows = [row for name, scores in scored.items() for row in rollouts(name, scores)]
+    file = table(tmp_path / "r.csv", rows)
+    file.write_text(file.read_text().replace("success", "score"))
+    result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
+    lows = result.policy_table().columns[-1].figures["score_low"]
+    assert [low is None for low in lows] == [True, True, False]
+    assert [row.verdict == "unknown" for row in result.differences[:3]] == [True, False, False]
+
+
 @pytest.mark.parametrize(
     ("apart", "count", "text"),
     [
@@ -240,7 +255,7 @@ def test_one_rollout_a_scene_does_not_tell_how_many_are_needed() -> None:
 
 def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
     won = np.random.default_rng(1).random((1, 100)) < 0.7
-    figure = mean_score(rollouts("a", won), THESE)
+    figure = mean_score(rollouts("a", won), THESE, SHARE)
     low, high = wilson(int(won.sum()), won.size)
     assert (figure.low, figure.high) == pytest.approx((low, high), abs=0.01)
 
