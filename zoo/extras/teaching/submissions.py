@@ -76,12 +76,16 @@ class Submission:
         return [card for card in dict.fromkeys(cards) if card.is_file()]
 
 
-def find_submissions(folder: Path) -> list[Submission]:
+def find_submissions(folder: Path, out: str | None = None) -> list[Submission]:
     """Return the submissions of a folder, sorted by name.
 
     What is wrong with one of them is its `problem`, and does not end the others' marks. A file of
     another kind, such as a .h5 or .zip, is a submission with a problem, so that no student is left
     out. Hidden files, `NOTES`, and what has the name of a network or folder are no submissions.
+
+    Args:
+        folder: folder of the submissions.
+        out: output folder, which is no submission; None: it is elsewhere.
 
     Raises:
         InputError: the folder cannot be read, or has no submission.
@@ -91,7 +95,8 @@ def find_submissions(folder: Path) -> list[Submission]:
     with file_errors(folder, "cannot be read ({}); name the folder of the submissions"):
         for entry in sorted(folder.iterdir()):
             is_note = entry.is_file() and entry.suffix.lower() in NOTES
-            if entry.name[0] != "." and not is_note:
+            is_out = out is not None and entry.resolve() == Path(out).expanduser().resolve()
+            if entry.name[0] != "." and not is_note and not is_out:
                 by_name.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_name:
         raise InputError(f"{folder}: holds no {' or '.join(ENDINGS)} file, and no folder of one")

@@ -288,6 +288,13 @@ def test_a_wrong_folder_gets_one_line(tmp_path: Path) -> None:
         find_submissions(folder)
 
 
+def test_the_output_folder_among_the_submissions_is_no_student(here: Path) -> None:
+    for name in ("ann", "marked"):
+        write_constant(here / "class" / name / "net.ckpt", 0.0)
+    for out, names in ((None, ["ann", "marked"]), ("class/../class/marked", ["ann"])):
+        assert [entry.name for entry in find_submissions(Path("class"), out)] == names
+
+
 def test_a_file_of_another_kind_has_the_time_of_its_last_change(tmp_path: Path) -> None:
     file = tmp_path / "dora.h5"
     file.touch()
