@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from statistics import harmonic_mean
 
 import numpy as np
 
@@ -197,8 +198,10 @@ def _needed(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> dic
         means = np.moveaxis(values, axis, 0).reshape(count, -1).mean(axis=1)
         trained.append((moments(means, places=list(map(str, range(count))))[1], count))
     now: Parts = [(variance, count - 1) for variance, count in trained]
-    trainings, scenes = values.shape[0], len({unit[0] for unit in units})
-    rollouts = max(1, round(len(a) / scenes / trainings))
+    scenes = len({unit[0] for unit in units})
+    # As many of each policy have the variance of those that there are.
+    each = harmonic_mean([len(a) / values.shape[0], len(b) / values.shape[-2]])
+    rollouts = max(1, round(each / scenes))
     within = _unit_variance(a, b, THESE, paired)[2] if scope == NEW else variance
     between = max(0.0, variance - within)
     if not variance + sum(part for part, _ in trained):  # all are alike: see `p_value`
@@ -214,8 +217,8 @@ def _needed(a: list[Rollout], b: list[Rollout], scope: str, paired: bool) -> dic
         return [*now, (variance * scenes / count, count - 1)]
 
     def of_trainings(count: int) -> Parts:
-        each = [(part * present / count, count - 1.0) for part, present in trained]
-        return [*each, (variance, freedom)]
+        parts = [(part * present / count, count - 1.0) for part, present in trained]
+        return [*parts, (variance, freedom)]
 
     ways: dict[str, tuple[int, Callable[[int], Parts]]] = {}
     if not is_thin(a, b):  # else it is not known how much the rollouts in a scene differ

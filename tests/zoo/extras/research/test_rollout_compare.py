@@ -195,6 +195,17 @@ def test_a_pair_that_only_the_correction_leaves_undecided_has_a_need() -> None:
     assert compare_policies(policies)[0].needed == {}, "a is better"
 
 
+def test_the_need_does_not_depend_on_the_order_of_the_policies() -> None:
+    won = np.tile([1, 1, 0, 1, 0], (4, 10))
+    few = rollouts("few", np.tile([1, 0], (4, 3)), seeds=False)
+    policies = {"many": rollouts("many", won, seeds=False), "few": few}
+    these, _ = compare_policies(policies)
+    turned, _ = compare_policies(dict(reversed(policies.items())))
+    # (1.96 + 0.84)^2 (0.24 * 50 / 49 + 0.25 * 6 / 5) / 0.1^2 / 4 scenes; Student's t adds some.
+    assert these.needed["rollouts"] == pytest.approx(107, rel=0.15)
+    assert turned.needed == these.needed
+
+
 def test_scenes_that_are_alike_tell_by_their_number_alone() -> None:
     policies = {"a": rollouts("a", np.ones((5, 6))), "b": rollouts("b", np.zeros((5, 6)))}
     assert compare_policies(policies)[1].needed == {"scenes": 6}, "p = 2 * (1 / 2) ** scenes"
