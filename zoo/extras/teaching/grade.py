@@ -33,7 +33,8 @@ def grade(folder: str, *, options: GradeOptions) -> "Graded":
         UsageError: a key or value is wrong.
         InputError: there is no submission, or the suite has no marks.
     """
-    submissions = find_submissions(Path(folder).expanduser(), options.out)
+    out = Path(options.out).expanduser() if options.out else None
+    submissions = find_submissions(Path(folder).expanduser(), out)
     with loading():
         from zoo.extras.teaching.graded import grade_class
     return grade_class(submissions, options, Console(emoji=False))

@@ -76,7 +76,7 @@ class Submission:
         return [card for card in dict.fromkeys(cards) if card.is_file()]
 
 
-def find_submissions(folder: Path, out: str | None = None) -> list[Submission]:
+def find_submissions(folder: Path, out: Path | None = None) -> list[Submission]:
     """Return the submissions of a folder, sorted by name.
 
     What is wrong with one of them is its `problem`, and does not end the others' marks. A file of
@@ -95,7 +95,8 @@ def find_submissions(folder: Path, out: str | None = None) -> list[Submission]:
     with file_errors(folder, "cannot be read ({}); name the folder of the submissions"):
         for entry in sorted(folder.iterdir()):
             is_note = entry.is_file() and entry.suffix.lower() in NOTES
-            is_out = out is not None and entry.resolve() == Path(out).expanduser().resolve()
+            # Not `Path.resolve`, which raises for a link to itself.
+            is_out = out is not None and os.path.realpath(entry) == os.path.realpath(out)
             if entry.name[0] != "." and not is_note and not is_out:
                 by_name.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_name:
