@@ -33,6 +33,7 @@ from zoo.extras.corrections.correct_training import (
 from zoo.extras.corrections.person_corrections import (
     ask_person,
     check_person,
+    check_unchanged,
     corrections_of_a_person,
 )
 from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, plain
@@ -96,6 +97,7 @@ class Correction:
         if self.options.by_a_person:
             most = 1
             ask_person(self.options, self.folder)
+            check_unchanged(self.options, self.folder, self.folder / "round-1" / "recording")
         self._print_plan(most)
         if not rounds:
             self._finish(0, self.path, 0)

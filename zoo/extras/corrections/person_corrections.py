@@ -12,10 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, BadRows, read_fields
+from datamodules.driving_log import CAMERAS, BadRows, read_fields, read_log
 from datamodules.formats.recording_writer import image_stems, put_image, write_log
 from datamodules.image import read_image
-from datamodules.recording import IMAGE_FOLDER
+from datamodules.recording import IMAGE_FOLDER, LOG_NAME
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import complete_times
 from zoo.base.errors import InputError
@@ -89,10 +89,7 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
     Raises:
         InputError: an image cannot be read.
     """
-    rows = _recorded(options.recording) if options.recording else []
-    if options.drive:
-        rows = _labelled(options.drive, options.before_s, out)
-    lines = []
+    rows, lines = _corrected(options, out), []
     with whole_folder(folder) as whole:
         (whole / IMAGE_FOLDER).mkdir()
         stems = image_stems(np.array([time_s for time_s, *_ in rows]))
@@ -105,6 +102,20 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
             lines.append((names, numbers))
         write_log(whole, lines)
     return len(lines)
+
+
+def check_unchanged(options: CorrectOptions, out: Path, folder: Path) -> None:
+    """Check that a recording of corrections, if it exists, has what the person says now.
+
+    Raises:
+        InputError: labels or recording have changed.
+    """
+    log, rows = folder / LOG_NAME, _corrected(options, out)
+    if log.is_file() and [row[2][0] for row in rows] != [row.numbers[0] for row in read_log(log)]:
+        raise InputError(
+            f"{options.recording or out / LABELS}: has changed since {folder} was written; correct "
+            "with it in another folder: out=NEW"
+        )
 
 
 def overrides(drive: Drive, before_s: float) -> list[Override]:
@@ -178,6 +189,13 @@ def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:
         if drive.time_s[chosen[-1]] - drive.time_s[row] >= LABEL_EVERY_S - 0.01:
             chosen.append(int(row))
     return chosen[::-1]
+
+
+def _corrected(options: CorrectOptions, out: Path) -> list[tuple]:
+    """Return the time, images and numbers of each correction of the person."""
+    if options.recording is not None:
+        return _recorded(options.recording)
+    return _labelled(str(options.drive), options.before_s, out)
 
 
 def _labelled(folder: str, before_s: float, out: Path) -> list[tuple]:

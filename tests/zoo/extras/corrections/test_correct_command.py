@@ -235,6 +235,10 @@ def test_a_person_fills_in_the_steering(overridden: Path, checkpoint: str, tmp_p
     assert (np.diff(recording.steering) > 0).all(), "interpolated between the two"
     assert len(recording) == 9
     assert len(rounds_of(out)) == 2
+    correct.main(arguments)
+    (out / "labels.csv").write_text((out / "labels.csv").read_text().replace("0.1", "0.2"))
+    with pytest.raises(InputError, match=r"labels\.csv: has changed since .*round-1.*out=NEW"):
+        correct.main(arguments)
 
 
 def test_a_persons_recording_is_renamed(recorded: Written, checkpoint: str, tmp_path: Path) -> None:
