@@ -75,8 +75,8 @@ def ask_person(options: CorrectOptions, folder: Path) -> None:
         _write_labels(drive, overrides(drive, options.before_s), folder)
         raise InputError(
             f"{folder / LABELS}: write the correct steering, -1..1, in the last column "
-            f"({LABELS_IMAGE} shows the images; empty rows are skipped), then run the same command "
-            f"with out={folder}"
+            f"({LABELS_IMAGE} shows the images; between two labels, steering is interpolated); "
+            f"then run the same command with out={folder}"
         )
     read_labels(folder / LABELS)
 

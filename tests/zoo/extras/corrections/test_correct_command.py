@@ -215,7 +215,7 @@ def overridden(recorded: Written, tmp_path: Path) -> Path:
 def test_a_person_fills_in_the_steering(overridden: Path, checkpoint: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = [checkpoint, *SHORT, LAPS, f"drive={overridden}", "before_s=1", f"out={out}"]
-    with pytest.raises(InputError, match=r"labels\.csv: .*last column"):
+    with pytest.raises(InputError, match=r"labels\.csv: .*last column .*interpolated"):
         correct.main(arguments)
     with pytest.raises(InputError, match=r"labels\.csv: .*steering column"):
         correct.main(arguments)
