@@ -195,9 +195,10 @@ def scored_rows(policy: Policy, recording: Recording, split: str | None) -> np.n
         UsageError: the network was trained on the recording, and no split is named, or one of whose
             test rows it was trained on some.
     """
-    is_trained_on = policy.data.get("fingerprint") == recording.fingerprint()
+    own = recording.fingerprint()
+    trained = [member for member in policy.members if member.data.get("fingerprint") == own]
     if split is None:
-        if is_trained_on:
+        if trained:
             raise UsageError(
                 "this network was trained on frames of the test; score it on those that it did not "
                 "see: split=RUN/split.csv"
@@ -206,8 +207,9 @@ def scored_rows(policy: Policy, recording: Recording, split: str | None) -> np.n
     rows = split_rows(recording, split, val_share=0, test_share=0).test
     if not len(rows):
         raise InputError(f"{split}: has no test rows of this recording; name another split=")
-    said = policy.config.get("data", {})
-    if is_trained_on and said.get("split") in KINDS:
+    for said in (member.config.get("data", {}) for member in trained):
+        if said.get("split") not in KINDS:
+            continue
         shares = {key: said[key] for key in ("val_share", "test_share", "block_s", "gap_s")}
         train = split_rows(recording, said["split"], **shares, seed=said["split_seed"]).train
         if seen := np.isin(rows, train).sum():
@@ -222,17 +224,19 @@ def car_of(policy: Policy, test: OfficialTest, name: str) -> Rig:
     """Return the car whose steering the network returns, and set the driven car of its members.
 
     Raises:
-        InputError: the car is unknown.
+        InputError: the car is unknown, or the members of an ensemble steer different cars.
     """
     policy.in_car(test.rig)
-    source = source_of(policy.data)
-    if source == test.rig.name or not policy.label.is_steering:
-        return test.rig
-    if source is None:
-        return UDACITY
+    cars = {
+        (source_of(member.data) or UDACITY.name) if member.label.is_steering else test.rig.name
+        for member in policy.members
+    }
+    if len(cars) == 1 and (car := {rig.name: rig for rig in (test.rig, UDACITY)}.get(min(cars))):
+        return car
     raise InputError(
-        f"{name}: the steering range of its car ({source}) is not in the checkpoint, so that its "
-        "steering is no angle of this car; train it with data.label=curvature"
+        f"{name}: the steering range of its car ({' or '.join(sorted(cars))}) is not in the "
+        "checkpoint, so that its steering is no angle of this car; train it with "
+        "data.label=curvature"
     )
 
 
@@ -357,7 +361,7 @@ def assumptions(
     yield f"interval: 95 %, bootstrap over {blocks:.0f} blocks of {BLOCK_S:g} s"
     if policy.takes_speed:
         yield f"the test has no speed: the network was given {options.speed:g} mph"
-    if source_of(policy.data) != test.rig.name:
+    if any(source_of(member.data) != test.rig.name for member in policy.members):
         yield (
             f"zero shot: its recording is of another car; the angle is that of the same curvature "
             f"on the {test.rig.name} (GUESSED: {', '.join(test.rig.guesses)})"

@@ -15,6 +15,7 @@ from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.policy_base import Command, Policy
 from zoo.commands.evaluate import evaluate_or_replay as command
 from zoo.extras.research.challenge_score import block_rmse
+from zoo.extras.research.doubt_policy import EnsemblePolicy
 
 TEST = "CH2_final_evaluation.csv"
 
@@ -97,6 +98,18 @@ def test_a_network_of_these_frames_needs_a_split(folder: Path, tmp_path: Path) -
     (tmp_path / "split.csv").write_text("".join(["image,part\n", *rows]))
     result = drivezoo.challenge(policy, folder, split=tmp_path / "split.csv", out=tmp_path / "out")
     assert result.frames == 4
+
+
+def test_each_member_of_an_ensemble_counts(folder: Path, tmp_path: Path) -> None:
+    recording, members = read_recordings(str(folder)), [RightHalf(), RightHalf()]
+    assert recording.rig is not None
+    members[1].data = {"fingerprint": recording.fingerprint(), "source": recording.rig.name}
+    policy = EnsemblePolicy(members)
+    with pytest.raises(UsageError, match=r"split="):
+        drivezoo.challenge(policy, folder, out=tmp_path / "out")
+    members[1].data = {"source": recording.rig.name}
+    with pytest.raises(InputError, match=f"{recording.rig.name} or udacity"):
+        drivezoo.challenge(policy, folder, out=tmp_path / "out")
 
 
 def test_a_split_of_another_run_is_refused(folder: Path, tmp_path: Path) -> None:
