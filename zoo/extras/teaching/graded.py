@@ -2,6 +2,8 @@
 
 import secrets
 import subprocess
+import threading
+import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -53,6 +55,7 @@ from zoo.simulator.track_names import DRAWN
 from zoo.training.recorded_roads import road_key
 
 SUITE, SEED, DRIVES, PAGES = "suite.yaml", "seed.txt", "drives", "students"
+LOOK_S = 0.2  # seconds between two looks at a process
 KEPT_BACK = "The roads are not named: they stay the teacher's."
 
 
@@ -191,7 +194,8 @@ def grade_class(
         grades = [Grade(submission) for submission in submissions]
         pool = ThreadPoolExecutor(options.jobs)
         with pool, progress_bar("grading", console) as report:
-            settings = out, suite, options, recording
+            stop = threading.Event()
+            settings = out, suite, options, recording, stop
             jobs = {pool.submit(_grade, entry, *settings): n for n, entry in enumerate(submissions)}
             try:
                 for count, job in enumerate(as_completed(jobs), 1):
@@ -201,6 +205,7 @@ def grade_class(
                     graded.written.extend(_write_marks(graded, suite))
                     report(count / len(jobs))
             finally:
+                stop.set()  # Ctrl-C does not reach the processes on Windows
                 pool.shutdown(wait=False, cancel_futures=True)
         graded.written.extend(options.write_files(graded))
         return graded
@@ -226,6 +231,7 @@ def _grade(
     suite: Suite,
     options: GradeOptions,
     recording: Recording | None,
+    stop: threading.Event,
 ) -> Grade:
     """Drive a submission in a process of its own, unless it has been driven, and mark it."""
     problems: list[str] = []
@@ -235,7 +241,7 @@ def _grade(
             raise InputError(submission.problem)
         folder = _drives(out, submission)
         if not (folder / NAME).is_file():
-            _drive(folder, submission, out / SUITE, options.minutes)
+            _drive(folder, submission, out / SUITE, options.minutes, stop)
         result = Benchmarked.read(folder).result
         if line := nan_line(result):
             raise InputError(line)
@@ -266,7 +272,9 @@ def _drives(out: Path, submission: Submission) -> Path:
     return out / DRIVES / f"{submission.stem}-{hash_file(submission.file)[:8]}"
 
 
-def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) -> None:
+def _drive(
+    folder: Path, submission: Submission, suite: Path, minutes: float, stop: threading.Event
+) -> None:
     """Drive a submission as `drivezoo benchmark` does; its output and facts go to files.
 
     Raises:
@@ -285,9 +293,10 @@ def _drive(folder: Path, submission: Submission, suite: Path, minutes: float) ->
             stderr=subprocess.STDOUT,
         )
         try:
-            process.wait(minutes * 60)
-        except subprocess.TimeoutExpired:
-            raise InputError(f"not driven within {minutes:g} min; give it more minutes=") from None
+            last_s = time.monotonic() + 60 * minutes
+            while process.poll() is None and not stop.wait(LOOK_S):
+                if time.monotonic() > last_s:
+                    raise InputError(f"not driven within {minutes:g} min; give it more minutes=")
         finally:
             end_module(process)
     if not (folder / NAME).is_file():

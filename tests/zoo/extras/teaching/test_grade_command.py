@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -79,7 +80,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def drive_here(folder: Path, submission: Submission, suite: Path, minutes: float) -> None:
+def drive_here(folder: Path, submission: Submission, suite: Path, *_: object) -> None:
     """Drive a submission in this process, which is faster than one of its own."""
     folder.parent.mkdir(exist_ok=True)
     with suppress(InputError):
@@ -181,7 +182,9 @@ def test_a_random_seed_refuses_the_folder_of_a_typed_one(
 def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_path: Path) -> None:
     submission = Submission("eve.1", submitted / "eve.ckpt")
     with pytest.raises(InputError, match="not driven within"):
-        graded._drive(tmp_path / "drives" / "eve.1-0", submission, tmp_path / "suite.yaml", 1e-5)
+        graded._drive(
+            tmp_path / "drives" / "eve.1-0", submission, tmp_path / "suite.yaml", 1e-5, Event()
+        )
     assert [file.name for file in (tmp_path / "drives").glob("*.txt")] == ["eve.1-0.txt"]
 
 
@@ -214,7 +217,31 @@ def test_a_process_that_dies_is_named_by_its_signal_or_last_line(
     monkeypatch.setattr(graded, "start_module", start)
     submission = Submission("eve", submitted / "eve.ckpt")
     with pytest.raises(InputError, match=reason):
-        graded._drive(tmp_path / "drives" / "eve-0", submission, tmp_path / "suite.yaml", 1.0)
+        graded._drive(
+            tmp_path / "drives" / "eve-0", submission, tmp_path / "suite.yaml", 1.0, Event()
+        )
+
+
+def test_ctrl_c_ends_the_submissions_that_it_does_not_reach(
+    submitted: Path, suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[subprocess.Popen] = []
+
+    def start(*_: str, **output: object) -> subprocess.Popen:
+        words = [sys.executable, "-c", "import time; time.sleep(10)"]
+        started.append(subprocess.Popen(words, **output))
+        return started[-1]
+
+    def interrupt(jobs: object) -> None:
+        while not started:
+            time.sleep(0.05)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(graded, "start_module", start)
+    monkeypatch.setattr(graded, "as_completed", interrupt)
+    with pytest.raises((KeyboardInterrupt, InputError)):
+        grade(submitted, suite=str(suite), seed=5, out=tmp_path / "out")
+    assert [process.poll() for process in started] != [0]
 
 
 def test_roads_are_drawn_by_the_seed_and_keep_their_families() -> None:
