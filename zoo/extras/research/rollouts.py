@@ -240,7 +240,14 @@ def read_policies(
 def _rows(path: Path) -> list[dict[str, str]]:
     with open_text(path, MOST_CSV_BYTES) as file:
         try:
-            rows = list(csv.DictReader(file))
+            reader, rows = csv.DictReader(file), []
+            for row in reader:
+                if any(
+                    row.get(None, ())
+                ):  # such as the second half of a number with a decimal comma
+                    where = f"{path}: line {reader.line_num}"
+                    raise InputError(f"{where}: has more cells than line 1; write 0.5, not 0,5")
+                rows.append(row)
         except (csv.Error, UnicodeDecodeError) as error:
             raise InputError(f"{path}: is no CSV in UTF-8 ({error}); save it again") from None
     check_most("rows", len(rows), path, "compare fewer rollouts")
