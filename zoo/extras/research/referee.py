@@ -268,6 +268,9 @@ def _untold(policies: Mapping[str, Sequence[Rollout]]) -> list[str]:
             f"seeds: none in {', '.join(unseeded)}: rollouts are not paired, which takes more of "
             "them; same_seeds=true pairs them by number, if all evaluations began with one seed"
         )
+    seeds = [{(row.scene, row.seed) for row in rollouts} for rollouts in policies.values()]
+    if not (unseeded or is_thin(*policies.values()) or set.intersection(*seeds)):
+        notes.append("seeds: the policies share none in a scene: rollouts are not paired")
     single = [name for name, rollouts in policies.items() if len(_known(rollouts, "training")) < 2]
     if single:
         notes.append(

@@ -242,9 +242,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
         try:
             reader, rows = csv.DictReader(file), []
             for row in reader:
-                if any(
-                    row.get(None, ())
-                ):  # such as the second half of a number with a decimal comma
+                if any(row.get(None, ())):  # such as what follows a decimal comma
                     where = f"{path}: line {reader.line_num}"
                     raise InputError(f"{where}: has more cells than line 1; write 0.5, not 0,5")
                 rows.append(row)

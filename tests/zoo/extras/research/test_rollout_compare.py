@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,15 @@ def test_lerobots_file_tells_no_seeds(tmp_path: Path, won: np.ndarray) -> None:
     assert reward.differences[0].figure.value > 1
     with pytest.raises(UsageError, match="score=reward"):
         drivezoo.compare(*files, score="reward", out=tmp_path / "none.json")
+
+
+@pytest.mark.parametrize("ending", ["", ".0"])
+def test_seeds_that_no_two_policies_share_are_noted(ending: str, tmp_path: Path) -> None:
+    won = np.tile([1, 0, 1, 1, 0], (3, 1))
+    other = [replace(row, seed=row.seed + ending) for row in rollouts("b", won)]
+    file = table(tmp_path / "r.csv", [*rollouts("a", won), *other])
+    result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
+    assert any("rollouts are not paired" in line for line in result.lines) == bool(ending)
 
 
 def test_files_of_one_name_are_trainings(tmp_path: Path, won: np.ndarray) -> None:
