@@ -57,6 +57,8 @@ def sweep_search(
     add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
     console = sweep_console(folder)
     numbers = search.own_trials(running=True) or search.ask()
+    if not numbers:
+        print_line(console, f"{search.state()}; hydra.sweeper.n_trials= adds trials")
     while numbers:
         jobs = [search.job(number) for number in numbers]
         for job in jobs:

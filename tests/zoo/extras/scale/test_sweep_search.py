@@ -67,6 +67,13 @@ def test_a_trial_that_others_beat_is_pruned(recorded: Written, study: "optuna.St
     assert "study: 3 of 3 trials, 2 complete, 1 pruned" in out
 
 
+@pytest.mark.usefixtures("study_file")
+def test_a_study_that_has_all_trials_trains_nothing_and_prints_so(recorded: Written) -> None:
+    out = succeed(search(recorded, "hydra.sweeper.n_trials=2"))
+    assert re.search(r"study: 2 of 2 trials, 2 complete; best .*; hydra\.sweeper\.n_trials=", out)
+    assert not Path("s/2").exists()
+
+
 def test_a_trial_of_a_killed_process_is_resumed(recorded: Written, study: "optuna.Study") -> None:
     trial = study.ask({"optim.lr": RATES})
     trial.set_user_attr("folder", str(Path("s").resolve()))
