@@ -82,10 +82,11 @@ class Referee(Result):
         policies, notes = read_policies(paths, names, wanted)
         if same_seeds:
             policies = {name: _numbered(rollouts) for name, rollouts in policies.items()}
-        policies = _shared(policies, "scene", notes)
-        if paired:
-            policies = _shared(policies, "training", notes)
-        notes += _untold(policies)
+        before = None
+        while policies != before:  # without some trainings, policies may share fewer scenes
+            before, policies = policies, _shared(policies, "scene", notes)
+            policies = _shared(policies, "training", notes) if paired else policies
+        notes = [*dict.fromkeys(notes), *_untold(policies)]
         scores = {row.score for rollouts in policies.values() for row in rollouts}
         score = wanted.score or ("success" if scores <= {0, 1} else "score")
         return cls(policies, compare_policies(policies, paired), notes, score)

@@ -135,6 +135,17 @@ def test_a_file_counts_once(tmp_path: Path, won: np.ndarray) -> None:
             drivezoo.compare(file.parent, file, other, names=names, out=tmp_path / "out.json")
 
 
+def test_paired_trainings_are_compared_on_the_scenes_that_they_share(tmp_path: Path) -> None:
+    won = np.tile([1, 0, 1, 1, 0], (3, 1))
+    a = [replace(row, training=str(n)) for n in range(2) for row in rollouts("a", won)]
+    b = [row for row in a if (row.scene, row.training) != ("scene 2", "0")]
+    b = [replace(row, training=row.training.replace("1", "2"), policy="b") for row in b]
+    file = table(tmp_path / "r.csv", a + b)
+    result = drivezoo.compare(file, policy="method", paired=True, out=tmp_path / "out.json")
+    for rows in result.policies.values():
+        assert {(row.scene, row.training) for row in rows} == {("scene 0", "0"), ("scene 1", "0")}
+
+
 def test_bench2drives_routes_are_scenes(tmp_path: Path) -> None:
     a = bench2drive(tmp_path / "a.json", {str(n): 100.0 for n in range(8)})
     b = bench2drive(tmp_path / "b.json", {str(n): 50.0 for n in range(1, 9)})
