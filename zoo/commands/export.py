@@ -24,7 +24,7 @@ def export(
 
     Every command that drives takes an ONNX file in place of the checkpoint. A C file holds view and
     network, and needs no library. If the steering (-1..1) of the file differs from the checkpoint's
-    by more than 0.0001 (0.02 if Keras computes the view, 0.1 for ONNX of 8 bits), writes nothing.
+    by more than 0.0001 (0.02 if Keras computes the view, 0.1 for 8 bits), writes nothing.
 
       drivezoo export latest out=model.onnx
       drivezoo export latest to=c out=steer.c weights=int8

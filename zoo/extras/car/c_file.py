@@ -72,7 +72,7 @@ def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
     """Return the C file of a checkpoint.
 
     Args:
-        checkpoint: checkpoint; see `rounded` for weights of 8 bits.
+        checkpoint: checkpoint; see `rounded` for how weights of 8 bits steer.
         name: name of the function and the header.
         weights: type of the stored weights, `float` or `int8`.
 

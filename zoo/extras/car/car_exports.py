@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from zoo.base.errors import InputError
 from zoo.scoring.exported_file import FLOAT, ExportedFile, OnnxFile
 
 # torch, a slow import, comes late: --help and typos answer at once.
@@ -89,18 +90,25 @@ class Int8CFile(CFile):
     """A checkpoint as a C99 file with weights of 8 bits."""
 
     weights = "int8"
-
-    def __init__(self, checkpoint: "Checkpoint", *options: Any) -> None:
-        from zoo.extras.car.c_file import rounded
-
-        super().__init__(rounded(checkpoint), *options)
+    tolerance = INT8_TOLERANCE
+    remedy = "leave weights=int8 out, or name another kind of file, such as out=model.onnx"
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
-        """Return what the rounding changes, see `ExportedFile`."""
+        """Return what the rounding changes, see `ExportedFile`.
+
+        Raises:
+            InputError: it changes the steering too much, compiler or not.
+        """
         from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
+        from zoo.extras.car.c_file import rounded
         from zoo.scoring.parity import compare
 
-        lost = compare(CheckpointPolicy(original), CheckpointPolicy(self.checkpoint), frames)
+        lost = compare(CheckpointPolicy(original), CheckpointPolicy(rounded(original)), frames)
+        if lost.difference > self.tolerance:
+            raise InputError(
+                f"{self.out}: 8 bits change the steering by {lost.difference:.2g}, more than "
+                f"{self.tolerance:g}; nothing was written: {self.remedy}"
+            )
         return [
             f"Weights: 8 bits; they change the steering by {lost.difference:.1e} at most, by "
             f"{lost.mean:.1e} on average, over {len(frames.frames)} frames."

@@ -20,6 +20,7 @@ from zoo.base.compose import choices
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import CURVATURE
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.extras.car import compiled_policy
 from zoo.extras.car.c_file import c_header, c_source, rounded
@@ -157,6 +158,23 @@ def test_weights_of_8_bits_steer_as_the_rounded_network(name: str, tmp_path: Pat
     for full, byte in zip(checkpoint.network.parameters(), small.network.parameters(), strict=True):
         assert (full - byte).abs().max() <= full.abs().max() / 254 * 1.001
     assert "int8_t weights_" in (tmp_path / "steer.c").read_text()
+
+
+@pytest.mark.parametrize("compilers", [compiled_policy.COMPILERS, ()])
+def test_8_bits_that_steer_differently_are_not_written(
+    compilers: tuple, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    contents = torch.load(find_checkpoint("lenet"), weights_only=True)
+    tensors = contents["state_dict"]
+    tensors["network.head.3.weight"][0] = 0  # an output that is always 0,
+    tensors["network.head.3.bias"][0] = 0
+    tensors["network.head.6.weight"][0, 0] = 100  # beside whose weight 8 bits hold no other
+    torch.save(contents, tmp_path / "wide.ckpt")
+    monkeypatch.setattr(compiled_policy, "COMPILERS", compilers)
+    files = (str(tmp_path / "wide.ckpt"), str(tmp_path / "steer.c"), str(recorded.folder))
+    with pytest.raises(InputError, match=r"more than 0\.1; nothing was written: leave weights=int8"):
+        export_checkpoint(*files, Console(quiet=True), weights="int8")
+    assert not (tmp_path / "steer.c").exists()
 
 
 def test_a_frame_of_another_size_is_nan(tmp_path: Path) -> None:
