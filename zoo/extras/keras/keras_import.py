@@ -1,6 +1,6 @@
 """Import of a Keras network: convert it, find out its input, and write a checkpoint."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,7 +71,8 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     sources = _sources(facts, options, rest)
     console.print(input_table(chosen, options.steering, sources, console.width))
     if recording is None:
-        _warn_of_guesses(path, facts, chosen, console)
+        again = _again(path, replace(options, recording="FOLDER"))
+        _warn_of_guesses(facts, chosen, again, console)
     source = "donkeycar" if model.is_donkeycar else None
     data = _write(out, path, converted, chosen, recording, source)
     following = next_drive(out, data, ["evaluate", out, "track=udacity_lake"])
@@ -184,10 +185,7 @@ def find_input(
         judged = drive_tied(judged, write, console)
     console.print(trials_table(judged, console.width))
     (factor, offset), (before, shift) = judged.best.line, options.steering or (1.0, 0.0)
-    usual = vars(ImportOptions(steering=options.steering))
-    keys = {key: value for key, value in vars(options).items() if value != usual[key]}
-    words = [f"{key}={typed(value)}" for key, value in keys.items()]
-    again = ["drivezoo", "import", path, *words, "overwrite=true"]  # of what is written now
+    again = _again(path, replace(options, steering=None))
     print_judgement(judged, (factor * before, factor * shift + offset), again, console)
     return judged
 
@@ -200,7 +198,16 @@ def _sources(facts: KnownInput, options: ImportOptions, rest: str) -> dict[str, 
     return {key: KEY if getattr(options, key) else source for key, source in sources.items()}
 
 
-def _warn_of_guesses(path: Path, facts: KnownInput, guess: Combination, console: Console) -> None:
+def _again(path: Path, options: ImportOptions) -> list[object]:
+    """Return the words of the command that replaces what is written now, with these options."""
+    usual = vars(ImportOptions())
+    words = [f"{key}={typed(value)}" for key, value in vars(options).items() if value != usual[key]]
+    return ["drivezoo", "import", path, *words, "overwrite=true"]
+
+
+def _warn_of_guesses(
+    facts: KnownInput, guess: Combination, again: Sequence[object], console: Console
+) -> None:
     keys = ["colour"] if facts.shape[:2] == FRAME else ["colour", "crop"]  # or the whole frame
     guessed = [
         f"{key}={typed(getattr(guess.view, key))}" for key in keys if getattr(facts, key) is None
@@ -208,8 +215,7 @@ def _warn_of_guesses(path: Path, facts: KnownInput, guess: Combination, console:
     if guessed:
         are = "is a guess" if len(guessed) == 1 else "are guesses"
         text = f"warning: {' and '.join(guessed)} {are}: the file does not tell. Set them if you "
-        command = command_line(["drivezoo", "import", path, "recording=FOLDER", "overwrite=true"])
-        text += f"know them, or find them out: {command}"
+        text += f"know them, or find them out: {command_line(again)}"
         console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -120,7 +120,7 @@ def test_a_network_of_0_1_drives_the_same(imported: Path, lake: Written, tmp_pat
 def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path) -> None:
     printed = succeed(import_file(tmp_path, str(keras_file), "out=guessed.ckpt"))
     assert "colour=rgb and crop=[60,25] are guesses" in printed
-    assert "recording=FOLDER" in printed
+    assert "recording=FOLDER out=guessed.ckpt overwrite=true" in printed, "no other file's name"
     checkpoint = load_checkpoint(tmp_path / "guessed.ckpt")
     assert checkpoint.data == {"fingerprint": None, "rows": 0}
     assert checkpoint.config["data"]["root"] is None
