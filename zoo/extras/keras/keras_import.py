@@ -39,6 +39,8 @@ from zoo.extras.keras.import_tables import (
 from zoo.extras.keras.judgement import Judgement, search
 from zoo.extras.keras.keras_file import KerasModel, read_keras_apart
 from zoo.extras.keras.keras_layers import ConvertedKeras, convert
+from zoo.extras.keras.keras_weights import backend_doubt
+from zoo.extras.keras.layer_chain import is_channels_first
 from zoo.extras.keras.tied_drives import drive_tied
 from zoo.extras.keras.trials import Trial
 from zoo.models.make_network import make_network
@@ -63,6 +65,10 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     recording = read_recordings(options.recording) if options.recording else None
     converted, facts = _known(model, options, searches=recording is not None)
     console.print(architecture_table(path.name, converted.notes, console.width))
+    if doubt := backend_doubt(model, is_channels_first(converted.layers)):
+        text = f"warning: {path}{doubt}; if it steers badly, name Theano in a copy of the weights' "
+        text += "file, and import that: h5py.File('COPY.h5', 'a').attrs['backend'] = 'theano'"
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
     if recording is None:
         chosen, rest = likeliest_combination(facts), GUESS
     else:

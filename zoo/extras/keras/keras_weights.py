@@ -223,10 +223,21 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
         tensors += [tensor for _, tensor in named]
         values += arranged
     _copy(tensors, values)
-    # Keras before 1.2 did not save the backend. Kernels of Theano, its default, must be flipped.
-    doubt = "; no backend in the file, read as TensorFlow's, not Theano's"
-    doubt = doubt if first and not model.backend else ""
+    doubt = backend_doubt(model, first)
     return f"{len(modules)} layers from {path} (Keras {model.version}{doubt}){_input(model)}"
+
+
+def backend_doubt(model: KerasModel, first: bool) -> str:
+    """Return a text on a file that does not tell its backend; empty if it does.
+
+    Keras before 1.2 did not save it. Kernels of Theano, its default, must be flipped.
+
+    Args:
+        model: file's model.
+        first: whether the images are channels first, as Theano's were.
+    """
+    doubt = "; no backend in the file, read as TensorFlow's, not Theano's"
+    return doubt if first and not model.backend else ""
 
 
 def _groups(model: KerasModel) -> list[tuple[KerasLayer, list[np.ndarray]]]:

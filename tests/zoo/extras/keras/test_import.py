@@ -128,6 +128,26 @@ def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path)
     assert any("not known" in text for text in texts), texts
 
 
+def test_a_file_without_a_backend_may_be_theanos(tmp_path: Path) -> None:
+    kernel = np.random.default_rng(0).normal(size=(1, 3, 5, 5)).astype(np.float32)
+    form = {"nb_row": 5, "nb_col": 5, "nb_filter": 1, "dim_ordering": "th"}
+    layers: list[Layer] = [
+        ("Convolution2D", form, [kernel, np.zeros(1, np.float32)]),
+        ("Flatten", {}, []),
+        dense_layer(np.ones((36 * 8, 1), np.float32), np.zeros(1, np.float32)),
+    ]
+    shape = (3, 12, 40)
+    path = write_h5(tmp_path / "old.h5", layers, version=1, shape=shape, backend="")
+    keys = (path.name, "scale=[127.5,1]", "overwrite=true")
+    assert "read as TensorFlow's, not Theano's" in succeed(import_file(tmp_path, *keys))
+    with h5py.File(path, "a") as file:
+        del file["model_weights"].attrs["backend"]
+        file.attrs["backend"] = "theano"
+    assert "Theano" not in succeed(import_file(tmp_path, *keys))
+    weights = load_checkpoint(tmp_path / "old.ckpt").network.layers[0].weight.detach().numpy()
+    np.testing.assert_array_equal(weights, kernel[:, :, ::-1, ::-1])
+
+
 def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
     keys = ["colour=bgr", "crop=[50,20]", "resize=linear", "scale=[255,0.5]"]
     assert "guess" not in succeed(import_file(tmp_path, str(keras_file), *keys))
