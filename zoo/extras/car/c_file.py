@@ -202,6 +202,16 @@ class _Graph:
             self._convolve(result, inputs[0], *constants, **attributes)
         elif operation == "Gemm" and attributes.get("transB") and moved == inputs[:1]:
             self._dense(result, inputs[0], *constants)
+        elif operation == "MatMul" and moved == inputs[:1] and self.places[inputs[0]].ndim == 2:
+            self._dense(result, inputs[0], constants[0].T)
+        elif operation == "BatchNormalization" and moved == inputs[:1]:
+            scale, bias, mean, variance = constants
+            factor = scale / np.sqrt(variance + np.float32(attributes.get("epsilon", 1e-5)))
+            weights, terms = np.diag(factor), bias - mean * factor
+            if self.places[inputs[0]].ndim == 2:
+                self._dense(result, inputs[0], weights, terms)
+            else:
+                self._convolve(result, inputs[0], weights[:, :, None, None], terms)
         elif operation in POOLS and self._is_plain(attributes):
             self._pool(result, inputs[0], POOLS[operation], **attributes)
         else:

@@ -129,15 +129,20 @@ def test_other_layers_are_exact_too(tmp_path: Path) -> None:
         nn.AvgPool2d(2, padding=1),
         nn.Conv2d(5, 9, (1, 3), bias=False),
         nn.LeakyReLU(0.2),
+        nn.BatchNorm2d(9),  # no convolution is before it
         nn.MaxPool2d(3, stride=1, padding=1),
         nn.Sigmoid(),
         nn.AdaptiveAvgPool2d(1),
         nn.Flatten(),
-        nn.Linear(9, 2),
+        nn.Linear(9, 2, bias=False),
         nn.Sigmoid(),
+        nn.BatchNorm1d(2),
         nn.Linear(2, 1),
     ]
-    layers[2].running_mean += 0.3
+    for layer in layers:
+        if hasattr(layer, "running_mean"):
+            layer.running_mean += 0.3
+            layer.running_var *= 0.7
     view = View((0, 0), "rgb", (20, 30), frame=(40, 60))
     assert difference(whole(Various(*layers), view), tmp_path) < 1e-6
 
