@@ -14,13 +14,16 @@ from zoo.base.errors import UsageError
 C_WIDTH = 97  # of a comment
 _NOT_IN_C = re.compile(r"[^ -)+->@-\[\]-~]")  # all but printable ASCII without *, ? and \
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,50}", re.ASCII)
-# Words that C or the file uses.
+# Words that C or the file uses, in any case: a header defines NAME_WIDTH, a file FRAME_WIDTH.
 TAKEN = re.compile(
     "auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|"
     "inline|int|long|main|register|restrict|return|short|signed|sizeof|static|struct|switch|"
     "typedef|union|unsigned|void|volatile|while|work|window|weight|view|sample|store|convert|"
     "under|difference|mirrored|nearest|exponential|convolve|pool_max|pool_mean|copy|clipped|"
-    "throttle|not_a_number|frame|rgb|width|height|speed_mph"
+    "throttle|not_a_number|frame|rgb|width|height|speed_mph|cropped|red|green|blue|top|channels|"
+    r"sampled|lanes|half_up|area_scale|(frame|view|cropped)_(width|height)|u?int\d+_t|"
+    r"(row|column)_(at|start|weight)|(weights|bias|scale|window)_\d+",
+    re.IGNORECASE,
 )
 TYPES = "type "  # beginning of the names of parts that stand before the arrays
 

@@ -209,7 +209,10 @@ def test_a_layer_is_named_as_in_the_state_dict() -> None:
         c_source(whole(network, View((0, 0), "rgb", (8, 8))), "steer", "float")
 
 
-@pytest.mark.parametrize("name", ["int.c", "1net.c", "my net.c", "view.c", "läufer.c"])
+@pytest.mark.parametrize(
+    "name",
+    ["int.c", "1net.c", "my net.c", "view.c", "läufer.c", "Frame.c", "row_at.c", "weights_5.c"],
+)
 def test_a_name_that_c_refuses_is_refused(name: str) -> None:
     with pytest.raises(UsageError, match=r"steer\.c"):
         function_name(Path(name))
