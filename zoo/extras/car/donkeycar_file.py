@@ -58,7 +58,7 @@ def bounded(checkpoint: Checkpoint, most: float) -> Checkpoint:
     layers: list[nn.Module] = [network]
     bins = bins_of(network)
     with torch.no_grad():
-        if bins:
+        if bins and [*network.modules()][-1] is bins[0]:
             steering, (count, low, step) = bins[0].groups
             last = [module for module in network.modules() if isinstance(module, nn.Linear)][-1]
             above = low + step * torch.arange(count) > most + 1e-6
@@ -109,7 +109,10 @@ def donkeycar_bytes(checkpoint: Checkpoint, keras: int = 2) -> tuple[bytes, str]
         units = [group[0] for group in bins[0].groups]
         config["activation"] = "softmax"
     if kind != "Dense" or config["units"] != sum(units):
-        raise InputError(f"{name}: its last layer is not one dense layer of its outputs")
+        raise InputError(
+            f"{name}: its last layer is not one dense layer of its outputs, such as with steering= "
+            "of drivezoo import after bins; name another kind of file, such as out=model.onnx"
+        )
     names = DONKEYCAR_OUTPUTS[2] if bins else DONKEYCAR_OUTPUTS[0]
     parts = zip(
         *(np.split(weight, np.cumsum(units)[:-1], axis=-1) for weight in weights), strict=True

@@ -11,9 +11,12 @@ import pytest
 from datamodules.view import View
 from tests.zoo.extras.keras.test_donkeycar import BINS, LINEAR, SHAPE, donkeycar_layers
 from tests.zoo.extras.keras.test_donkeycar import write as write_donkeycar
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.network_files import read_network
+from zoo.extras.keras.keras_file import read_keras
+from zoo.extras.keras.keras_layers import convert
 
 donkeycar_file = pytest.importorskip("zoo.extras.car.donkeycar_file", reason="an extra writes it")
 
@@ -82,6 +85,16 @@ def test_a_throttle_is_bounded(names: tuple, activation: str, most: float, tmp_p
     if names == LINEAR[:1]:
         assert kind == "linear"
         np.testing.assert_allclose(commands[:, 1], most)
+
+
+def test_layers_after_bins_are_refused_also_with_a_bound(tmp_path: Path) -> None:
+    layers = donkeycar_layers(BINS, UNITS[BINS], "softmax")
+    path = write_donkeycar(tmp_path, layers, ends=2)
+    network = convert(read_keras(path), line=(1.1, 0.0)).network.eval()
+    free = Checkpoint(network, View((0, 0), "rgb", None, frame=SHAPE[:2]), {"model": {}}, {})
+    for checkpoint in (free, donkeycar_file.bounded(free, 0.2)):
+        with pytest.raises(InputError, match=r"last layer .*; name another kind of file"):
+            donkeycar_file.donkeycar_bytes(checkpoint)
 
 
 @pytest.mark.parametrize("names", TYPES)
