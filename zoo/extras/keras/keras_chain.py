@@ -13,6 +13,7 @@ from zoo.extras.keras.keras_specs import (
     RECURRENT,
     Spec,
     UnknownValueError,
+    activation_specs,
     operator_specs,
     specs_of,
 )
@@ -133,6 +134,10 @@ class Chain:
         specs = specs_of_word(word)
         if specs is None:
             raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
+        for spec in specs:
+            if spec["layer"] == "Activation":  # of which one depends on the version
+                (named,) = activation_specs(spec["activation"], self.model.version)
+                spec |= named
         return specs, word
 
     def _is_at_input(self, before: Sequence[Spec]) -> bool:

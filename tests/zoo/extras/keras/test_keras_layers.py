@@ -313,6 +313,19 @@ def test_an_unclear_lambda_is_asked_for_by_key(tmp_path: Path) -> None:
     assert convert(model, lambdas=["identity"]).scale is None
 
 
+@pytest.mark.parametrize(("version", "name"), [(2, "hard_sigmoid"), (3, "hard_sigmoid_3")])
+def test_a_lambdas_hard_sigmoid_is_that_of_its_keras(
+    version: int, name: str, tmp_path: Path
+) -> None:
+    function: Layer = ("Lambda", lambda_config(lambda x: K.hard_sigmoid(x)), [])
+    converted = convert(read(tmp_path, [SCALE, CONV, function, *REST[1:]], version=version))
+    assert converted.layers[1] == {"layer": "Activation", "activation": name}
+    wanted = keras_reference.ACTIVATIONS[name](expected([CONV]))
+    np.testing.assert_allclose(
+        predict(converted), keras_reference.predict(wanted, REST[1:]), atol=1e-5
+    )
+
+
 def test_words_are_used_in_order(tmp_path: Path) -> None:
     layers = [SCALE, CONV, UNCLEAR, *REST[1:], UNCLEAR]
     with pytest.raises(InputError, match=r"layer 3 of 7, lambda_2"):
