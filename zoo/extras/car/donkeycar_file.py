@@ -208,7 +208,7 @@ def _network_layers(network: nn.Module, name: str) -> list[Layer]:
         elif not isinstance(module, (*IGNORED, Unbin)):
             raise InputError(
                 f"{name}: its layer {type(module).__name__} cannot be written "
-                "for Donkeycar; train model=lenet, nvidia or tiny63, or a network of Donkeycar"
+                "for Donkeycar; train model=lenet or nvidia, or a network of Donkeycar"
             )
     return layers
 

@@ -122,7 +122,7 @@ def with_elu(shape: tuple[int, int, int], before: Sequence = (), alpha: float = 
         (random_checkpoint(View((0, 0), "rgb", (66, 200), "blur_linear")), "resize=blur_linear"),
         (SPEED, "PilotNet takes more than"),
         (bounded(SPEED, 0.2), "PilotNet takes more than"),
-        (random_checkpoint(RGB, CommaAi, width=0.25), "CommaAi"),
+        (random_checkpoint(RGB, CommaAi, width=0.25), "CommaAi: .* model=lenet or nvidia,"),
         (random_checkpoint(RGB, with_elu, alpha=0.3), "its layer ELU"),
         (random_checkpoint(RGB, with_elu, before=[nn.ReLU()]), "its layer ELU"),
     ],
