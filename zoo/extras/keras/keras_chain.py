@@ -1,6 +1,6 @@
 """Find what each layer of a Keras model does, and the scale of its pixels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from zoo.extras.keras.keras_specs import (
     UnknownValueError,
     activation_specs,
     operator_specs,
+    plain_kind,
     specs_of,
 )
 
@@ -68,11 +69,17 @@ class Chain:
             )
 
     def _normalizes_pixels(self) -> bool:
-        """Return whether the first layer is a batch normalization with the means of 0..255."""
-        layer = self.model.layers[self.owners[0]] if self.owners else None
-        if layer is None or self.specs[0]["layer"] != "BatchNormalization" or not layer.arrays:
+        """Return whether the input is normalized first, with the means of 0..255."""
+        pairs = zip(self.specs, self.owners, strict=True)
+        later = (owner for spec, owner in pairs if spec["layer"] not in BEFORE_SCALE)
+        layer = self.model.layers[next(later, 0)]
+        kind = plain_kind(layer.kind)
+        if kind == "Normalization":
+            mean, _ = _moments(layer)
+        elif kind == "BatchNormalization" and layer.arrays:
+            mean = layer.arrays[-2] if len(layer.arrays) > 1 else layer.arrays[0]
+        else:
             return False
-        mean = layer.arrays[-2] if len(layer.arrays) > 1 else layer.arrays[0]
         return bool(mean.size and mean.min() > LEAST_PIXELS and mean.max() < 255)
 
     def label(self, index: int) -> str:
@@ -178,10 +185,8 @@ class Chain:
 
 def _normalization(layer: KerasLayer, label: str) -> Spec:
     """Return the spec of a layer that subtracts a mean and divides by a deviation."""
-    constants = [layer.config.get("mean"), layer.config.get("variance")]
-    arrays = layer.arrays[:2] if len(layer.arrays) > 1 else constants
     try:
-        mean, variance = (np.asarray(array, np.float64).reshape(-1) for array in arrays)
+        mean, variance = _moments(layer)
         if layer.config.get("invert") or len(mean) != len(variance):
             raise ValueError
     except (TypeError, ValueError, OverflowError):
@@ -190,6 +195,13 @@ def _normalization(layer: KerasLayer, label: str) -> Spec:
         ) from None
     factor = 1 / np.maximum(np.sqrt(np.maximum(variance, 0)), 1e-7)
     return {"layer": "Rescaling", "scale": factor.tolist(), "offset": (-mean * factor).tolist()}
+
+
+def _moments(layer: KerasLayer) -> Iterator[np.ndarray]:
+    """Yield mean and variance of a normalization, float64 [N] each."""
+    constants = [layer.config.get("mean"), layer.config.get("variance")]
+    arrays = layer.arrays[:2] if len(layer.arrays) > 1 else constants
+    return (np.asarray(array, np.float64).reshape(-1) for array in arrays)
 
 
 def _described(specs: list[Spec]) -> str:

@@ -395,10 +395,14 @@ def test_an_unclear_lambda_that_does_more_than_scale_is_named(tmp_path: Path) ->
         convert(model, scale=[255, 0.5])
 
 
-def test_a_batch_normalization_of_pixels_needs_no_scale(tmp_path: Path) -> None:
+@pytest.mark.parametrize("crop", [[], [("Cropping2D", {"cropping": [[0, 0], [0, 0]]}, [])]])
+def test_a_normalization_of_pixels_needs_no_scale(crop: list[Layer], tmp_path: Path) -> None:
     for mean, scale in ((110, (1.0, 0.0)), (0.1, None)):
+        numbers = {"mean": [mean] * 3, "variance": [2000.0] * 3}
+        layers: list[Layer] = [*crop, ("Normalization", numbers, []), *REST]
+        assert convert(read(tmp_path, layers)).scale == scale
         means = [*W((3,), (3,)), np.full(3, mean, np.float32), *W((3,))]
-        layers: list[Layer] = [("BatchNormalization", {}, means), *REST]
+        layers = [*crop, ("BatchNormalization", {}, means), *REST]
         assert convert(read(tmp_path, layers)).scale == scale
     converted = convert(read(tmp_path, layers), scale=[255, 0])
     np.testing.assert_allclose(predict(converted), expected(layers, 255, 0), atol=1e-4)
