@@ -47,13 +47,15 @@ NAMES = {
     "expert_late": "expert, 0.4 s late",
     "lenet": "LeNet",
     "lenet-bends": "LeNet, roads bent",
+    "lenet-narrow": "LeNet, a quarter as wide",
     "lenet-poses": "LeNet, recipe for three tracks",
+    "lenet-short": "LeNet, a quarter of the samples",
+    "lenet-unflipped": "LeNet, images never mirrored",
     "pilotnet": "PilotNet",
     "pilotnet-bends": "PilotNet, roads bent",
+    "pilotnet-narrow": "PilotNet, a quarter as wide",
     "pilotnet-dagger": "PilotNet, corrected by the expert",
-    "commaai": "comma.ai",
     "cnn_gru": "PilotNet with memory",
-    "efficientnet_lite0": "EfficientNet, ImageNet's weights",
     "linear": "linear, 15 weights",
     "tiny41": "41 weights",
 }
@@ -64,12 +66,10 @@ PANELS = {
     "visibility": "fog, dark, noise",
     "camera": "camera moved",
 }
-ROAD = "#555555"
 PLACES = (0.04, 0.3, 0.62)  # shares of the lap
 ORIGINALS = ("udacity_lake", "udacity_jungle", "research_mountain")
 FAMILIES = ("alpine", "country", "lakeside")  # others are for the benchmark and a recipe
 ROADS = 200
-COLOURS = ("#2a6fbb", "#d9822b", "#3a9a5b")
 LEAST_CURVATURE = 1e-4  # 1/m; straights are drawn at it
 
 FEATURES = {
@@ -198,7 +198,7 @@ def track_views(names: list[str]) -> plt.Figure:
     for name, (plan, *views) in zip(names, rows, strict=True):
         world = open_world(name)
         track = world.track
-        plan.plot(*track.at(np.linspace(0, track.length, 1200))[:, :2].T, color=ROAD, lw=3)
+        plan.plot(*track.at(np.linspace(0, track.length, 1200))[:, :2].T, color="#555555", lw=3)
         plan.set_aspect("equal")
         plan.axis("off")
         plan.set_title(f"{name}, {track.length:,.0f} m")
@@ -232,7 +232,7 @@ def road_features() -> plt.Figure:
     figure, axes = plt.subplots(2, 2, figsize=(10, 6.4), layout="constrained")
     groups: list[tuple[str, list[Track], str, str]] = [
         (name, [draw_road(find_family(name), seed) for seed in range(ROADS)], colour, "-")
-        for name, colour in zip(FAMILIES, COLOURS, strict=True)
+        for name, colour in zip(FAMILIES, ("#2a6fbb", "#d9822b", "#3a9a5b"), strict=True)
     ]
     groups += [
         (name, [read_track(name)], colour, "--")

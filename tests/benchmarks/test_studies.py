@@ -170,10 +170,10 @@ def test_no_entry_gives_a_key_twice(name: str) -> None:
 
 
 def test_a_name_means_its_variants_too() -> None:
-    chosen = Study("board", ["only=pilotnet-bends,lenet", "quick=true"]).chosen()
-    names = ["pilotnet-bends", "lenet", "lenet-bends", "lenet-poses"]
+    chosen = Study("board", ["only=lenet-bends,pilotnet", "quick=true"]).chosen()
+    names = ["lenet-bends", "pilotnet", "pilotnet-bends", "pilotnet-narrow", "pilotnet-dagger"]
     assert [entry.name for entry in chosen] == names
-    assert chosen[1].folder == Path("outputs/board/lenet-quick")
+    assert chosen[1].folder == Path("outputs/board/pilotnet-quick")
 
 
 @pytest.mark.parametrize("name", packaged_names())
