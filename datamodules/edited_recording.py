@@ -20,6 +20,7 @@ from datamodules.image import find_file_fault
 from datamodules.recorded_car import write_car
 from datamodules.recording import IMAGE_FOLDER, Recording
 from datamodules.recording_edits import Edits, edit_options
+from datamodules.windows import missing_rows
 from zoo.base.errors import InputError
 from zoo.base.new_folder import whole_folder
 
@@ -112,17 +113,16 @@ def _write_part(
     stems = image_stems(np.nan_to_num(recording.time_s))
     named = times_from_names([str(image) for image in recording.images[:, 0]])
     is_renamed = (np.isnan(named) & np.isfinite(recording.time_s)).tolist()
-    pairs = list(zip(rows.tolist(), mirrored.tolist(), strict=True))
-    for row, turned in reported(pairs, report):
+    is_last = missing_rows(recording) | (np.diff(recording.recording) != 0)
+    for row, turned in reported(list(zip(rows.tolist(), mirrored.tolist(), strict=True)), report):
         images = recording.images[row].tolist()
         if fault := next(filter(None, map(find_file_fault, images)), None):
             left_out.append(f"{recording.place(row)}: {fault}")
             continue
         # Where rows are missing there is an empty line: no window reaches over it.
-        if before is not None:
-            is_next = recording.recording[row] == recording.recording[before]
-            written += [] if row == before + 1 and is_next else [None]
-        before = row
+        if written and (before != (row - 1, turned) or is_last[row - 1]):
+            written.append(None)
+        before = row, turned
         if turned:
             images = [images[0], images[2], images[1]]  # the left camera sees what the right saw
         for camera, image in zip(CAMERAS, images, strict=True):

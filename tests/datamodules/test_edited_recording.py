@@ -27,6 +27,7 @@ from datamodules.recording_edits import (
 )
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks
+from datamodules.windows import missing_rows
 from tests.recordings import Written, write_recording
 from zoo.base.errors import InputError, UsageError
 
@@ -135,6 +136,20 @@ def test_a_gap_is_an_empty_line(has_times: bool, tmp_path: Path) -> None:
     write_edited(read_recordings(str(folder)), drop(Edits(ROWS), (5, 6)), tmp_path / "new")
     line = read_recordings(str(tmp_path / "new")).line
     assert np.flatnonzero(np.diff(line) > 1).tolist() == [4]
+
+
+def test_gaps_of_the_source_and_mirrored_ends_are_empty_lines(
+    source: Written, tmp_path: Path
+) -> None:
+    shutil.copytree(source.folder, tmp_path / "old")
+    (tmp_path / "old" / "IMG" / source.image(10).name).unlink()
+    whole = read_recordings(str(tmp_path / "old"), on_bad_image="skip")
+    write_edited(whole, Edits(ROWS - 1), tmp_path / "copy")
+    copy = read_recordings(str(tmp_path / "copy"))
+    assert np.flatnonzero(missing_rows(copy)).tolist() == [9]
+    write_edited(copy, mirror(Edits(ROWS - 1), (20, ROWS - 1)), tmp_path / "again")
+    again = read_recordings(str(tmp_path / "again"))
+    assert np.flatnonzero(missing_rows(again)).tolist() == [9, 19]
 
 
 def test_a_row_with_a_bad_image_is_left_out(source: Written, tmp_path: Path) -> None:
