@@ -112,7 +112,7 @@ def _write_part(
     # A log's times are those of its images' names.
     stems = image_stems(np.nan_to_num(recording.time_s))
     named = times_from_names([str(image) for image in recording.images[:, 0]])
-    is_renamed = (np.isnan(named) & np.isfinite(recording.time_s)).tolist()
+    is_renamed = np.isfinite(recording.time_s) & ~(np.abs(named - recording.time_s) < 0.001)
     is_last = missing_rows(recording) | (np.diff(recording.recording) != 0)
     for row, turned in reported(list(zip(rows.tolist(), mirrored.tolist(), strict=True)), report):
         images = recording.images[row].tolist()
@@ -126,7 +126,7 @@ def _write_part(
         if turned:
             images = [images[0], images[2], images[1]]  # the left camera sees what the right saw
         for camera, image in zip(CAMERAS, images, strict=True):
-            if image and (image, turned) not in names:
+            if image and (is_renamed[row] or (image, turned) not in names):
                 name = Path(image).stem if isinstance(image, str) else str(image.number + 1)
                 name = f"{camera}_{stems[row]}" if is_renamed[row] else name
                 name = f"{camera}_mirrored_{name}" if turned else name

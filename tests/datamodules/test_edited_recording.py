@@ -152,6 +152,17 @@ def test_gaps_of_the_source_and_mirrored_ends_are_empty_lines(
     assert np.flatnonzero(missing_rows(again)).tolist() == [9, 19]
 
 
+def test_rows_that_share_an_image_keep_their_times(source: Written, tmp_path: Path) -> None:
+    lines = [f"{source.image(row // 2)},0,{row / 20}" for row in range(ROWS)]
+    (tmp_path / "my.csv").write_text("\n".join(["path,turn,time", *lines]))
+    columns = {"image": "path", "steering": "turn", "time": "time"}
+    told = {"columns": columns, "steering": {"unit": "share"}, "images": str(source.folder)}
+    shared = read_recordings(str(tmp_path / "my.csv"), format="table", **told)
+    write_edited(shared, Edits(ROWS), tmp_path / "new")
+    again = read_recordings(str(tmp_path / "new"))
+    np.testing.assert_allclose(again.time_s, np.arange(ROWS) / 20)
+
+
 def test_a_row_with_a_bad_image_is_left_out(source: Written, tmp_path: Path) -> None:
     shutil.copytree(source.folder, tmp_path / "old")
     secret = tmp_path / "secret.jpg"
