@@ -18,6 +18,7 @@ from datamodules.formats.recording_writer import (
     left_out_note,
     put_image,
     reported,
+    whole_rows,
     write_log,
 )
 from datamodules.recorded_car import write_car
@@ -66,8 +67,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
             f"{bad[min(bad)]} in {folder or log.parent / 'IMG'} ({len(bad)} of {len(rows)} "
             f"rows lack one); copy the IMG folder there, or set data.images=FOLDER{skip}"
         )
-    columns = np.array([row.numbers for row in rows]).T
-    numbers = dict(zip(LABELS, columns, strict=True))
+    numbers = dict(zip(LABELS, np.array([row.numbers for row in rows]).T, strict=True))
     numbers["time_s"] = times_from_names([row.paths[0] for row in rows])
     lines = np.array([row.line for row in rows])
     recording = make_recording(
@@ -95,6 +95,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     Raises:
         InputError: an image cannot be read, `out` exists, or the disk is full.
     """
+    recording, left_out = whole_rows(recording)
     stems = image_stems(complete_times(recording))
     written = np.full(recording.images.shape, "", object)
     change = pad_to_two_by_one if options.fit == "pad" else None
@@ -109,11 +110,10 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         write_car(part, recording, recording.format, keeps_size=change is None)
     notes = [
         *left_out_note(recording.bad_rows, "they cannot be read"),
-        *left_out_note(recording.bad_images, "their image is damaged or missing"),
+        *left_out_note([*recording.bad_images, *left_out], "their image is damaged or missing"),
         *recording.notes,
     ]
-    drives = 1 + int(find_breaks(recording).sum())
-    return Converted(out, len(recording), drives, tuple(notes))
+    return Converted(out, len(recording), 1 + int(find_breaks(recording).sum()), tuple(notes))
 
 
 def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """`drivezoo convert`: exchange recordings with LeRobot, Donkeycar and others."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from datamodules.format_options import ReadOptions, WriteOptions
@@ -73,12 +73,12 @@ def convert(
     whole = (path.parent if path.is_file() else path).absolute()
     out = out or free_folder(whole.with_name(f"{whole.name}_{to}"))
     refuse_existing(out.expanduser())
+    read = replace(read, on_bad_image="skip")
     with progress_bar("converting", Console(stderr=True)) as report:
         if to == LOG:  # a copy of one recording, whose writer notes what reading left out
             recording, skipped = read_recording(path, read)[1], []
         else:
-            said = {**asdict(read), "on_bad_image": "skip"}
-            recording = read_recordings([source, *sources], **said)
+            recording = read_recordings([source, *sources], **asdict(read))
             skipped = [*recording.notes, *skipped_lines(recording)]
         recording, chosen = chosen_recording(recording, write)
         result = writers[to].write(recording, out, write, report)

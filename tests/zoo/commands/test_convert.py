@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
-from tests.foreign_recordings import table
+from tests.foreign_recordings import ROWS, challenge2_test, table
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run_here, succeed
 from zoo.base.errors import InputError, UsageError
@@ -70,6 +70,18 @@ def test_what_reading_assumed_is_printed(to: str, tmp_path: Path) -> None:
     printed = succeed(run_convert(tmp_path, *words))
     assert printed.count(" steering: ") == 1
     assert "times are missing" in printed
+
+
+@pytest.mark.parametrize("to", ["udacity", "donkeycar"])
+def test_rows_with_bad_images_are_left_out_and_counted(to: str, tmp_path: Path) -> None:
+    images = sorted((challenge2_test(tmp_path / "old") / "center").iterdir())
+    images[4].unlink()
+    images[6].write_text("no image")
+    printed = succeed(run_convert(tmp_path, "old", f"to={to}", "out=new"))
+    assert f": {ROWS - 2} rows" in printed
+    assert "row 6: no centre image" in printed
+    assert to == "udacity" or "row 8: " in printed
+    assert len(read_recordings(str(tmp_path / "new"))) == ROWS - 2
 
 
 def test_rows_that_are_none_are_refused(recorded: Written, tmp_path: Path) -> None:
