@@ -2,7 +2,9 @@
 
 import filecmp
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -75,8 +77,7 @@ def _no_recoveries(recording: Recording) -> Iterator[str]:
     if not np.isfinite(recording.time_s).any():
         return  # without times no pause can be found
     stretches = find_stretches(recording)
-    after_pause = stretches.first[stretches.after_pause]
-    returns = steering_returns(recording, after_pause, stretches.length)
+    returns = steering_returns(recording, stretches.first[stretches.after_pause], stretches.length)
     count = int((returns >= LEAST_CHANGE).sum())
     if len(stretches.first) and count < RECOVERIES_PER_ROW * len(recording):
         yield (
@@ -97,9 +98,7 @@ def _centre_only(recording: Recording) -> Iterator[str]:
 
 def _no_speed(recording: Recording) -> Iterator[str]:
     if recording.without_speed:
-        replay = (
-            "; replay it with the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
-        )
+        replay = "; replay it with the speed of the car: drivezoo replay CKPT FOLDER speed=9"
         yield (
             f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
             "data.recover_s and networks that take or predict a speed cannot use it"
@@ -172,12 +171,16 @@ def _backward_times(recording: Recording) -> Iterator[str]:
 
 
 def _duplicates(recording: Recording) -> Iterator[str]:
-    named = [path for path in recording.images.flat if path is not None]
-    repeated = len(named) - len(set(named))
-    if repeated:
+    # Hard links, as those of an edited copy, share the number and the disk of a file.
+    named = [
+        Path(image).stat()[1:3] if isinstance(image, str) and Path(image).exists() else image
+        for image in recording.images.flat
+        if image is not None
+    ]
+    if repeated := len(named) - len(set(named)):
         yield (
             f"{repeated:,} of {len(named):,} images are named a second time: these rows count "
-            "twice and can be in both training and validation; delete the repeated rows of the log"
+            "twice and can be in both training and validation; delete the repeats, or name one copy"
         )
         return
     first: dict[str, str] = {}
@@ -197,12 +200,10 @@ def _duplicates(recording: Recording) -> Iterator[str]:
 
 def _is_copy(path: object, other: object) -> bool:
     """Return whether two files have the same contents; only files of equal size are read."""
-    if not (isinstance(path, str) and isinstance(other, str)):
-        return False  # a video's frames are not compared
-    try:
-        return filecmp.cmp(path, other, shallow=False)
-    except OSError:
-        return False
+    if isinstance(path, str) and isinstance(other, str):  # a video's frames are not compared
+        with suppress(OSError):
+            return filecmp.cmp(path, other, shallow=False)
+    return False
 
 
 _LOOKS: tuple[Callable[[Recording], Iterator[str]], ...] = (

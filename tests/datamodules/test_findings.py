@@ -3,11 +3,13 @@
 import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from datamodules.edited_recording import write_edited
 from datamodules.looking.findings import FEW_ROWS, find_oddities, report_lines, report_recordings
 from datamodules.looking.notable_rows import (
     frame_difference,
@@ -19,6 +21,7 @@ from datamodules.looking.notable_rows import (
     thumbnail,
 )
 from datamodules.recording import Recording
+from datamodules.recording_edits import Edits, drop
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written, recording_in_memory, write_recording
 from zoo.simulator.record import RecordOptions, record_laps
@@ -139,6 +142,13 @@ def test_a_copied_folder_of_a_recording_is_a_duplicate(tmp_path):
     assert text.startswith(f"{folders[1]} is a copy of {folders[0]}: ")
     other = write_recording(tmp_path / "c", rows=6, seed=1).folder
     assert "is a copy" not in str(texts(read_recordings([folders[0], str(other)])))
+
+
+def test_an_edited_copy_shares_the_images_of_its_source(tmp_path: Path) -> None:
+    source = write_recording(tmp_path / "lap", 20, cameras=("center",))
+    write_edited(read_recordings(str(source.folder)), drop(Edits(20), (5, 9)), tmp_path / "new")
+    text = texts(read_recordings([str(source.folder), str(tmp_path / "new")]))["duplicates"]
+    assert text.startswith("16 of 36 images are named a second time")
 
 
 def test_an_image_that_repeats_the_row_befores_is_a_duplicate(tmp_path):
