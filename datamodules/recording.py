@@ -22,6 +22,7 @@ from datamodules.driving_log import (
     unit_hint,
 )
 from datamodules.image import Stored, read_image, read_stored
+from datamodules.steering_unit import SteeringUnit
 from zoo.base.rig import Rig
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
@@ -102,6 +103,7 @@ class Recording:
         notes: a line on what was inferred, and on what else was left out.
         rigs: rig of each of `names`, where there are several.
         blocks: blocks of a split by time, as the format states.
+        units: what the numbers of each of `names` mean; None as `data.steering` says, or -1..1.
         format: name of the format that was read, of several recordings that of the first.
     """
 
@@ -121,6 +123,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     rigs: tuple[Rig | None, ...] = ()
     blocks: Blocks = SHORT_DRIVES
+    units: tuple[SteeringUnit | None, ...] = ()
     format: str = ""
 
     def __len__(self) -> int:
@@ -176,8 +179,7 @@ class Recording:
         """Return a row's place, for messages: `FOLDER/driving_log.csv, row 7`."""
         if self.places is not None:
             return str(self.places[row])
-        log = Path(self.names[self.recording[row]]) / LOG_NAME
-        return f"{log}, row {self.line[row]}"
+        return f"{Path(self.names[self.recording[row]]) / LOG_NAME}, row {self.line[row]}"
 
     def fingerprint(self) -> str:
         """Return 16 hex digits of labels and image names, the same wherever the folder is.
@@ -215,8 +217,7 @@ def keep_valid(recording: Recording, bad: BadRows) -> Recording:
     Raises:
         InputError: a row is bad and not to be skipped, or none is left.
     """
-    columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
-    numbers, time_s = np.stack(columns, axis=1), recording.time_s
+    numbers, time_s = np.stack([getattr(recording, name) for name in LABELS], 1), recording.time_s
     low, high = np.array([RANGES[name] for name in NUMBERS]).T
     within = ((numbers >= low - ROUNDING) & (numbers <= high + ROUNDING)).all(1)
     good = within & (np.isnan(time_s) | ((time_s >= 0) & (time_s < LAST_S)))

@@ -101,6 +101,7 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         rig=rigs[0] if rigs.count(rigs[0]) == len(rigs) else None,
         notes=tuple(f"{part.names[0]}: {note}" for part in parts for note in part.notes),
         rigs=tuple(rigs),
+        units=tuple(unit for part in parts for unit in part.units or [None] * len(part.names)),
         blocks=max((part.blocks for part in parts), key=lambda blocks: blocks.block_s),
         format=parts[0].format,
         **joined,

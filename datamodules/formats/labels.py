@@ -116,6 +116,7 @@ def labelled_recording(
         places=np.array(rows["place"], object),
         line=np.array(rows.get("line", range(1, len(written) + 1))),
         rig=_with_full_lock(rig, unit, meant),
+        units=(meant,),
         notes=notes,
         blocks=blocks,
     )
@@ -203,8 +204,7 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
 
     A missing side image is none.
     """
-    root = Path(recording.names[0])
-    find, begin = image_finder(root), f"{root}{os.sep}"
+    find, begin = image_finder(Path(recording.names[0])), f"{recording.names[0]}{os.sep}"
 
     def existing(image: object) -> object:
         # Of the current folder, ".", an image's path says nothing.

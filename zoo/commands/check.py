@@ -25,7 +25,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
 from datamodules.split import split_rows
-from datamodules.steering_unit import SteeringUnit
+from datamodules.steering_unit import SteeringUnit, keys_and_values
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
@@ -57,8 +57,8 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
         InputError: a folder or a log cannot be read, or there is no good row or image.
     """
     roots, console = [folder, *folders], Console(soft_wrap=True)
-    skip = {"on_bad_image": "skip", "on_bad_row": "skip"}
-    recording = read_recordings(roots, **{**asdict(read), **skip})
+    skipping = replace(read, on_bad_image="skip", on_bad_row="skip")
+    recording = read_recordings(roots, **asdict(skipping))
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
     sizes: Counter[tuple[int, int]] = Counter()
@@ -80,7 +80,6 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     finally:
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
     whole = recording.keep(is_whole)
-    car = other_car(recording)
     is_each = bool(np.bincount(whole.recording, minlength=len(whole.names)).all())
     signs = list(map(find_sign_evidence, whole.recordings)) if is_each else []
     for line in [*map(sign_line, whole.names, signs), *leak_lines(whole)]:
@@ -94,20 +93,18 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     if not len(whole):
         _print(console, f"{counted(len(bad), 'bad image')}; no row is without one: copy them again")
         return False
-    named = counted(len(bad), "bad image")
-    verdict = f"{named}; copy or record again, or train with data.on_bad_image=skip"
-    _print(console, verdict if bad else "all images are whole")
-    oddities = find_oddities(whole)
-    if oddities:
+    skip = "copy or record again, or train with data.on_bad_image=skip"
+    _print(console, f"{counted(len(bad), 'bad image')}; {skip}" if bad else "all images are whole")
+    if oddities := find_oddities(whole):
         _print(console, "before you train:")
     for oddity in oddities:
         _print(console, f"- {oddity.text}")
     keys = read.given() | ({"on_bad_image": "skip"} if bad else {})
     keys |= {"on_bad_row": "skip"} if recording.bad_rows else {}
     # A network of another car is judged by its held-out drives, which single rows are not.
-    split = ["data.split=blocks"] if car else []
-    turned = _turned(read, signs)
-    if turned:  # a network would learn to steer to the other side
+    split = ["data.split=blocks"] if other_car(recording) else []
+    # A network would learn to steer to the other side.
+    if turned := _turned(read, whole, signs):
         words = [f"{key}={typed(value)}" for key, value in (keys | turned).items()]
         _print(console, f"next: {command_line(['drivezoo', 'check', *roots, *words])}")
     else:
@@ -148,8 +145,8 @@ def _needed_keys(recording: Recording) -> dict[str, Any]:
     Raises:
         InputError: no key lets it start; see `split_rows`.
     """
-    rows = split_rows(recording).train
-    samples = make_samples(recording, rows, [*CAMERAS], offset=1.0)  # side cameras show bends
+    # Side cameras show bends.
+    samples = make_samples(recording, split_rows(recording).train, [*CAMERAS], offset=1.0)
     try:
         epoch_batches(samples, len(samples), epoch=0, seed=0)
     except InputError:
@@ -157,14 +154,18 @@ def _needed_keys(recording: Recording) -> dict[str, Any]:
     return {}
 
 
-def _turned(read: ReadOptions, signs: Sequence[SignEvidence]) -> dict[str, Any]:
+def _turned(read: ReadOptions, recording: Recording, signs: list[SignEvidence]) -> dict[str, Any]:
     """Return the key that turns the sign of the recordings with left and right exchanged."""
-    unit = read.unit or SteeringUnit()
-    other = replace(unit, right="positive" if unit.right == "negative" else "negative")
-    wrong = [number for number, sign in enumerate(signs, 1) if sign.is_exchanged]
-    if len(wrong) == len(signs):
-        return {"steering": asdict(other)}
-    return {"each": {number: {"steering": asdict(other)} for number in wrong}} if wrong else {}
+    said = (keys_and_values("each", read.each) or {}).items()
+    each = {int(number): dict(keys) for number, keys in said}
+    wrong = [number for number, sign in enumerate(signs) if sign.is_exchanged]
+    for number in wrong:
+        unit = recording.units[number] or read.of_each(len(signs))[number].unit or SteeringUnit()
+        other = replace(unit, right="positive" if unit.right == "negative" else "negative")
+        each.setdefault(number + 1, {})["steering"] = asdict(other)
+    if not read.each and len(wrong) == len(signs) and len(set(recording.units)) == 1:
+        return each.get(1, {})
+    return {"each": each} if wrong else {}
 
 
 def look_at_image(image: AnyImage) -> tuple[int, int] | str:

@@ -13,7 +13,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from datamodules.looking.leak import leak_lines
 from datamodules.recording_format import read_recordings
 from tests.datamodules.test_other_kinds import POINTER
-from tests.foreign_recordings import challenge2_test, driving_log
+from tests.foreign_recordings import challenge2_test, driving_log, table, write_frames
 from tests.recordings import Written, recording_in_memory, write_as, write_recording
 from tests.zoo.command_runs import ROOT, only_line, run_here
 from zoo.commands.check import look_at_image
@@ -81,6 +81,22 @@ def test_the_next_command_turns_the_sign(
         if command == "check":
             given = given[len(folders) :]
     assert command == "train"
+
+
+def test_the_next_command_keeps_each_unit_and_what_was_said(tmp_path: Path) -> None:
+    wrong, units = challenge2_test(tmp_path / "wrong"), table(tmp_path / "units")
+    names = sorted(path.name for path in (wrong / "center").iterdir())
+    write_frames(wrong / "center", names, right=-1.0)
+    said = "format: table, columns: {image: path, steering: turn}"
+    for folders, given, key in (
+        ([wrong], [], "steering={unit: rad, full: 8.2, right: positive, zero: 0.0}"),
+        ([units, wrong], [f"each={{1: {{{said}}}}}"], f"each={{1: {{{said}}}, 2: {{steering: {{"),
+    ):
+        last = run_check(*folders, *given).stdout.splitlines()[-1]
+        command, *words = shlex.split(last.removeprefix("next: drivezoo "))
+        assert command == "check"
+        assert words[-1].startswith(key)
+        assert "next: drivezoo train" in run_check(*words).stdout
 
 
 def test_several_recordings(written, tmp_path):
