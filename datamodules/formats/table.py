@@ -71,7 +71,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
             "'data.columns={image: NAME, steering: NAME}'; others are "
             f"{', '.join(sorted(set(meanings) - {'image', 'center', 'steering'}))}"
         )
-    folder = Path(options.images) if options.images else table.parent
+    folder = Path(options.images).expanduser() if options.images else table.parent
 
     def parse(fields: Mapping[str, Any]) -> dict[str, Any]:
         row: dict[str, Any] = {}

@@ -178,3 +178,13 @@ def test_a_table_without_named_columns_names_those_that_it_has(tmp_path: Path) -
     words = r"labels\.csv: has the columns image, steering; name its columns, 'data\.columns="
     with pytest.raises(UsageError, match=words):
         read(write(tmp_path / "set", HEADER), None)
+
+
+def test_images_lie_in_a_folder_of_the_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = write(tmp_path / "set", HEADER)
+    (table.parent / "IMG").rename(tmp_path / "IMG")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    check_whole(read(table, images="~/IMG"))
