@@ -20,7 +20,7 @@ from datamodules.image import find_file_fault
 from datamodules.recorded_car import write_car
 from datamodules.recording import IMAGE_FOLDER, Recording
 from datamodules.recording_edits import Edits, edit_options
-from datamodules.windows import missing_rows
+from datamodules.stretches import missing_rows
 from zoo.base.errors import InputError
 from zoo.base.new_folder import whole_folder
 

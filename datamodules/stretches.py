@@ -14,6 +14,9 @@ LEAST_CHANGE = 0.05  # change of steering, at least, in a recovery
 # Times of rows whose source has none: the log's names need a date.
 FIRST_S = 946_684_800.0  # 2000-01-01
 PAUSE_S = 10.0  # between two drives without times; longer than a gap
+# A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
+# the original simulator 2 of 2,699 steps are longer.
+MOST_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,19 @@ def find_stretches(recording: Recording) -> Stretches:
 def find_breaks(recording: Recording) -> np.ndarray:
     """Return whether a pause or a new recording begins after a row, bool [N - 1]."""
     return _paused(recording) | _changes(recording)
+
+
+def missing_rows(recording: Recording) -> np.ndarray:
+    """Return whether rows are missing between a row and the next, by line or time, bool [N - 1]."""
+    missing = np.zeros(len(recording) - 1, dtype=bool)
+    for number in range(len(recording.names)):
+        rows = np.flatnonzero(recording.recording == number)
+        for column, most in ((recording.line, 1), (recording.time_s, MOST_STEPS)):
+            steps = np.diff(column[rows])
+            forward = steps[steps > 0]  # not NaN, of a recording without times
+            if len(forward):
+                missing[rows[:-1]] |= steps > most * np.median(forward)
+    return missing
 
 
 def _paused(recording: Recording) -> np.ndarray:
@@ -131,8 +147,8 @@ def times_of_drives(drive: np.ndarray, since_start_s: np.ndarray) -> np.ndarray:
 
 
 def complete_times(recording: Recording) -> np.ndarray:
-    """Return the rows' times, or, where one is missing, times at the usual rate."""
+    """Return the times; where one is missing, at the usual rate, with a pause for missing rows."""
     if not np.isnan(recording.time_s).any():
         return recording.time_s
-    drive = np.concatenate([[0], np.cumsum(find_breaks(recording))])
+    drive = np.concatenate([[0], np.cumsum(find_breaks(recording) | missing_rows(recording))])
     return times_of_drives(drive, np.arange(len(recording)) / rows_per_second(recording))

@@ -6,12 +6,8 @@ import numpy as np
 
 from datamodules.recording import Recording
 from datamodules.split import PARTS, Split
-from datamodules.stretches import find_breaks
+from datamodules.stretches import find_breaks, missing_rows
 from zoo.base.errors import InputError
-
-# A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
-# the original simulator 2 of 2,699 steps are longer.
-MOST_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -98,16 +94,3 @@ class Windows:
 
 
 SINGLE_FRAMES = Windows()
-
-
-def missing_rows(recording: Recording) -> np.ndarray:
-    """Return whether rows are missing between a row and the next, by line or time, bool [N - 1]."""
-    missing = np.zeros(len(recording) - 1, dtype=bool)
-    for number in range(len(recording.names)):
-        rows = np.flatnonzero(recording.recording == number)
-        for column, most in ((recording.line, 1), (recording.time_s, MOST_STEPS)):
-            steps = np.diff(column[rows])
-            forward = steps[steps > 0]  # not NaN, of a recording without times
-            if len(forward):
-                missing[rows[:-1]] |= steps > most * np.median(forward)
-    return missing

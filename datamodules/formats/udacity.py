@@ -82,8 +82,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         if not folder and not Path(source).is_relative_to(log.parent)
     ]
     recording = replace(recording, notes=tuple(notes))
-    good = np.ones(len(rows), dtype=bool)
-    good[list(bad)] = False
+    good = ~np.isin(np.arange(len(rows)), list(bad))
     return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
 
 
@@ -96,7 +95,8 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         InputError: an image cannot be read, `out` exists, or the disk is full.
     """
     recording, left_out = whole_rows(recording)
-    stems = image_stems(complete_times(recording))
+    recording = replace(recording, time_s=complete_times(recording))
+    stems = image_stems(recording.time_s)
     written = np.full(recording.images.shape, "", object)
     change = pad_to_two_by_one if options.fit == "pad" else None
     with whole_folder(out) as part:

@@ -26,8 +26,7 @@ from datamodules.recording_edits import (
     typed_edits,
 )
 from datamodules.recording_format import read_recordings
-from datamodules.stretches import find_breaks
-from datamodules.windows import missing_rows
+from datamodules.stretches import find_breaks, missing_rows
 from tests.recordings import Written, write_recording
 from zoo.base.errors import InputError, UsageError
 

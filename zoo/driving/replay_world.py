@@ -29,7 +29,7 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
-from datamodules.windows import missing_rows
+from datamodules.stretches import missing_rows
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, RIG_KEYS, UDACITY, Rig
 from zoo.driving.camera_warp import Warp

@@ -8,7 +8,7 @@ import pytest
 
 from datamodules.recording import Recording, file_name
 from datamodules.recording_format import read_recordings
-from datamodules.windows import missing_rows
+from datamodules.stretches import missing_rows
 from tests import foreign_recordings as foreign
 from zoo.base.errors import InputError, UsageError
 

@@ -14,8 +14,7 @@ from datamodules.looking.findings import report_recordings
 from datamodules.recorded_car import read_source
 from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
-from datamodules.stretches import find_breaks
-from datamodules.windows import missing_rows
+from datamodules.stretches import find_breaks, missing_rows
 from tests.recordings import Written, convert_to_recording, write_as
 from tests.refusals import refusal
 from zoo.base.errors import InputError

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
+from datamodules.stretches import find_breaks
 from tests.foreign_recordings import ROWS, challenge2_test, table
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run_here, succeed
@@ -82,6 +83,15 @@ def test_rows_with_bad_images_are_left_out_and_counted(to: str, tmp_path: Path) 
     assert "row 6: no centre image" in printed
     assert to == "udacity" or "row 8: " in printed
     assert len(read_recordings(str(tmp_path / "new"))) == ROWS - 2
+
+
+@pytest.mark.parametrize("to", ["udacity", "donkeycar"])
+def test_rows_without_times_have_a_pause_where_rows_are_left_out(to: str, tmp_path: Path) -> None:
+    columns = "columns={image: path, steering: turn}"
+    words = (str(table(tmp_path / "table")), "format=table", columns, "keep=1-20,22-60")
+    succeed(run_convert(tmp_path, *words, f"to={to}", "out=new"))
+    copy = read_recordings(str(tmp_path / "new"))
+    assert np.flatnonzero(find_breaks(copy)).tolist() == [19]
 
 
 def test_rows_that_are_none_are_refused(recorded: Written, tmp_path: Path) -> None:
