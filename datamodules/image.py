@@ -216,19 +216,17 @@ def read_ends(path: str) -> bytes:
         os.close(descriptor)
 
 
-def find_file_fault(image: object) -> str | None:
-    """Return what is wrong with an image file by its first and last bytes, or None.
+def find_file_fault(image: AnyImage | None) -> str | None:
+    """Return what is wrong with an image by its first and last bytes, or None, as without an image.
 
-    A log, or a link in its folder, may name any file. Only images may get into a new folder. An
-    image in a larger file has none here: its reader checks it.
+    A log, or a link in its folder, may name any file. Only images may get into a new folder.
     """
-    if not isinstance(image, str):
-        return None
     try:
-        fault = find_fault(read_ends(image))
-    except OSError as error:
-        fault = error.strerror or str(error)
-    return f"{image}: {fault}" if fault else None
+        stored = read_ends(image) if isinstance(image, str) else image and read_stored(image)
+        fault = find_fault(stored) if isinstance(stored, bytes) else None
+    except (OSError, ValueError) as error:
+        fault = getattr(error, "strerror", None) or str(error)
+    return f"{getattr(image, 'file', image)}: {fault}" if fault else None
 
 
 def link_or_copy(path: str, target: Path) -> None:

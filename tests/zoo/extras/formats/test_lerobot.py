@@ -348,9 +348,7 @@ PLAYLIST = b"#EXTM3U\n#EXTINF:1,\n/etc/passwd\n#EXT-X-ENDLIST\n"
             f"{EPISODES}, row 1: no place of a video",
         ),
         (lambda log: (log / CENTER).unlink(), f"{CENTER}: No such file"),
-        (lambda log: _halve(log / CENTER), f"{CENTER}: "),
         (lambda log: (log / CENTER).write_bytes(b""), f"{CENTER}: no MP4"),
-        (lambda log: _spoil(log / CENTER), f"{CENTER}: "),
         (lambda log: (log / CENTER).write_bytes(PLAYLIST), f"{CENTER}: no MP4"),
     ],
 )
@@ -360,6 +358,18 @@ def test_damage_is_named_in_one_line_and_nothing_is_left(
     damage(copy)
     assert words in refusal(convert_to_recording, copy, tmp_path / "new")
     assert [path.name for path in tmp_path.iterdir()] == ["copy"]
+
+
+@pytest.mark.parametrize("damage", [_halve, _spoil])
+def test_rows_behind_the_damage_of_a_video_are_left_out_and_counted(
+    damage: Callable[[Path], None], copy: Path, tmp_path: Path
+) -> None:
+    damage(copy / CENTER)
+    result = convert_to_recording(copy, tmp_path / "new")
+    assert 0 < result.rows < 40
+    assert result.notes[0].startswith(f"{40 - result.rows} rows left out")
+    assert CENTER in result.notes[0]
+    assert len(read_recordings(str(tmp_path / "new"))) == result.rows
 
 
 def test_a_row_with_a_damaged_image_is_left_out_of_the_export(tmp_path: Path) -> None:

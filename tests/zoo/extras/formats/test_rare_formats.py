@@ -9,9 +9,11 @@ import pytest
 from rich.console import Console
 
 from datamodules.data_settings import DataSettings
+from datamodules.edited_recording import write_edited
 from datamodules.known_formats import OWN, own_formats
 from datamodules.recording import LONG_DRIVE
-from datamodules.recording_format import find_format
+from datamodules.recording_edits import Edits
+from datamodules.recording_format import find_format, read_recordings
 from tests.contracts.test_recordings import (
     check_a_bad_row,
     check_a_half_written_line,
@@ -27,6 +29,7 @@ from tests.datamodules.test_other_kinds import KINDS, POINTER, check_another_kin
 from tests.datamodules.test_path_contents import refusal_of
 from tests.datamodules.test_recording_sizes import check_an_unnamed_image, notes
 from tests.foreign_recordings import ROWS, STEERING
+from tests.recordings import write_as
 from tests.zoo.extras.formats.rare_examples import RARE
 from tests.zoo.extras.formats.rare_recordings import (
     comma2k19,
@@ -206,6 +209,18 @@ def test_a_short_video_is_named_with_the_row(tmp_path: Path, capsys: pytest.Capt
     printed = capsys.readouterr().out
     assert re.search(pattern, printed)
     assert "2 bad images; copy" in printed
+
+
+def test_rows_beyond_the_end_of_a_video_are_left_out_of_copies(tmp_path: Path) -> None:
+    folder = deeppicar(tmp_path / "recording")
+    with (folder / "out-key.csv").open("a") as file:
+        file.writelines(f"{50 * row},{row + 1},0.1\n" for row in range(ROWS, ROWS + 2))
+    recording = read_recordings(str(folder))
+    assert len(write_edited(recording, Edits(ROWS + 2), tmp_path / "edited").left_out) == 2
+    for to in ("udacity", "donkeycar"):
+        assert write_as(to, recording, tmp_path / to).rows == ROWS
+    for name in ("edited", "udacity", "donkeycar"):
+        assert len(read_recordings(str(tmp_path / name))) == ROWS
 
 
 @pytest.mark.parametrize("video", ["out-video.avi", "video.hevc", "video.mp4"])
