@@ -85,6 +85,14 @@ def test_a_metric_of_an_installed_package_is_a_column_of_every_table(tmp_path: P
     assert "hard_turns" not in METRICS
 
 
+@pytest.mark.parametrize("number", ["int64(3)", "float32(3)", "array(3)"])
+def test_a_metric_that_returns_a_number_of_numpy_is_written(number: str, tmp_path: Path) -> None:
+    code = template("metric", "mine").replace("return float(", f"return np.{number} or float(")
+    with installed(tmp_path, code, "drivezoo.metrics", METRICS):
+        figures = measure(DRIVES_OF_ROWS["embedded"])
+    assert json.dumps(figures["mine"]) in ("3", "3.0")
+
+
 def test_a_benchmark_has_a_users_metric_with_its_interval() -> None:
     drives = []
     for road in range(4):

@@ -135,7 +135,8 @@ def metric(
 def measure(drive: Drive) -> dict[str, float]:
     """Return the metrics of a drive by name; the same seed gives the same, but for `latency_ms`."""
     figures = {name: metric.function(drive) for name, metric in METRICS.items()}
-    return {name: value for name, value in figures.items() if value is not None}
+    # A user's function may return a number of NumPy, which JSON has not.
+    return {key: np.asarray(value).item() for key, value in figures.items() if value is not None}
 
 
 def leaderboard_metrics() -> list[Metric]:
