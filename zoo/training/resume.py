@@ -10,7 +10,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from zoo.base.command_keys import typed_keys
-from zoo.base.compose import escape_interpolation, plain_dict
+from zoo.base.compose import escape_interpolation, hydra_overrides, plain_dict
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, UsageError
 from zoo.base.parts import typed_parts
@@ -32,8 +32,6 @@ OBEYED = (
 )
 STOPPING = "callbacks.early_stopping"
 PATIENCE = f"{STOPPING}.patience"  # it may grow, and early stopping may be left out
-LIGHTNINGS_PATIENCE = 3  # of a config without the key
-WRITERS = ("callbacks.best", "callbacks.last")  # whose files are of all epochs
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
@@ -49,11 +47,6 @@ def resume(folder: Path, overrides: list[str]) -> None:
         UsageError: an override is wrong, or cannot be obeyed.
         StoppedError: on Ctrl-C.
     """
-    saved_path = folder / ".hydra" / "config.yaml"
-    if not saved_path.is_file():
-        raise InputError(
-            f"{folder}: is no run's folder (no .hydra/config.yaml); name the folder of a run"
-        )
     overrides, trusted = split_trust(overrides)
     from zoo.checkpoints.checkpoint import read_checkpoint_file
     from zoo.runs.metrics_file import read_metrics_file
@@ -62,10 +55,11 @@ def resume(folder: Path, overrides: list[str]) -> None:
     from zoo.training.interruptions import has_stopped_early
 
     refuse_links_out(folder)
+    run = Run.open(folder)
     saved = load_config(folder)
-    lead_from(Run(folder).started_in, saved)
-    config, typed = overridden(saved, overrides)
-    check_saved_config(config, saved_path, trusted, typed)
+    lead_from(run.started_in, saved)
+    config, keys = overridden(saved, overrides)
+    check_saved_config(config, folder / ".hydra" / "config.yaml", trusted, keys)
     last = folder / "checkpoints" / "last.ckpt"
     if last.is_file():
         for key, (then, now) in unobeyed(saved, config).items():
@@ -92,7 +86,12 @@ def resume(folder: Path, overrides: list[str]) -> None:
     with loading():
         from zoo.training.run import run_experiment
 
-    run_experiment(config, folder.resolve(), resume=True, keep_config=bool(overrides))
+    typed = _by_key(run.overrides) | _by_key(hydra_overrides(overrides)) if overrides else {}
+    run_experiment(config, folder.resolve(), resume=True, typed=[*typed.values()])
+
+
+def _by_key(overrides: list[str]) -> dict[str, str]:
+    return {override.partition("=")[0].lstrip("+~"): override for override in overrides}
 
 
 def unobeyed(saved: DictConfig, config: DictConfig) -> dict[str, tuple[str, str]]:
@@ -115,8 +114,8 @@ def _is_obeyed(key: str, then: str, now: str) -> bool:
 def _is_dropped(key: str, now: dict[str, str]) -> bool:
     """Return whether a key is of a callback that is left out, but none that writes checkpoints."""
     section = ".".join(key.split(".")[:2])
-    is_callback = key.startswith("callbacks.") and section not in WRITERS
-    return is_callback and not any(other.startswith(f"{section}.") for other in now)
+    droppable = key.startswith("callbacks.") and section not in ("callbacks.best", "callbacks.last")
+    return droppable and not any(other.startswith(f"{section}.") for other in now)
 
 
 def _settled(config: DictConfig) -> dict[str, str]:
@@ -168,7 +167,7 @@ def _further(config: DictConfig, epochs: int) -> list[str]:
 def _patience(config: DictConfig) -> int | None:
     """Return for how many epochs early stopping waits; None without it."""
     settings = (config.callbacks or {}).get("early_stopping")
-    return settings.get("patience", LIGHTNINGS_PATIENCE) if settings else None
+    return settings.get("patience", 3) if settings else None  # 3 is Lightning's default
 
 
 def _max_epochs(config: DictConfig) -> float:

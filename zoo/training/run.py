@@ -1,6 +1,7 @@
 """Run one experiment, from its config to its figures."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import lightning
@@ -44,16 +45,16 @@ def run_experiment(
     config: DictConfig,
     folder: Path,
     resume: bool = False,
-    keep_config: bool = False,
+    typed: Sequence[str] = (),
     verdict: bool = True,
     bf16: bool | None = None,
 ) -> None:
     """Run an experiment in `folder`; with `resume`, from its last checkpoint.
 
-    With `keep_config`, `config` replaces the folder's config once it is known to fit the
-    checkpoint: a run that is stopped again resumes with it. Without `verdict`, no verdict and no
-    next command is printed: a command that drives the network itself prints its own. `bf16` is
-    that of `choose_precision`.
+    With `typed`, the overrides of the whole run, these and `config` replace the folder's own once
+    they are known to fit the checkpoint: a run that is stopped again resumes with them. Without
+    `verdict`, no verdict and no next command is printed: a command that drives the network itself
+    prints its own. `bf16` is that of `choose_precision`.
 
     Raises:
         InputError: the config, the recording or a file is wrong, or another process trains in the
@@ -70,7 +71,7 @@ def run_experiment(
             interruptions.naming_lost_files(folder),
             interruptions.naming_resume(folder),
         ):
-            _run(config, folder, first, resume, keep_config, verdict, bf16)
+            _run(config, folder, first, resume, typed, verdict, bf16)
 
 
 def _run(
@@ -78,7 +79,7 @@ def _run(
     folder: Path,
     first: bool,
     resume: bool,
-    keep_config: bool,
+    typed: Sequence[str],
     verdict: bool,
     bf16: bool | None,
 ) -> None:
@@ -87,7 +88,7 @@ def _run(
     console = Console(soft_wrap=True, quiet=not first)
     score = run_options(config.get("score"))
     asked = with_file_settings(config)
-    keep_config = keep_config or asked is not config  # resuming needs no file of weights
+    keep_config = bool(typed) or asked is not config  # resuming needs no file of weights
     config = settle_config(asked, console)
 
     data = build.load_data(config, console)
@@ -129,6 +130,8 @@ def _run(
         if keep_config:
             (folder / ".hydra").mkdir(exist_ok=True)
             OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
+        if typed:
+            OmegaConf.save(OmegaConf.create([*typed]), folder / ".hydra" / "overrides.yaml")
         write_split(folder / "split.csv", data.recording, data.split)
         build.keep_earlier_log(folder)
 

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -105,6 +106,20 @@ def test_a_finished_run_that_fails_to_train_further_keeps_its_figures_and_rank(
     assert "finished_epochs" not in read_status(two_epochs)
     config = OmegaConf.load(two_epochs / ".hydra" / "config.yaml")
     assert config.trainer.max_epochs == 3, "a run that is stopped again needs it"
+
+
+def test_a_run_that_was_trained_further_is_repeated_and_ranked_by_its_keys(
+    two_epochs: Path, zoo: Zoo
+) -> None:
+    succeed(zoo("resume=run", "trainer.max_epochs=3", "trainer.log_every_n_steps=9"))
+    (command,) = re.findall(
+        "drivezoo train model=.*", (two_epochs / "report/report.md").read_text()
+    )
+    assert "trainer.max_epochs=3" in command
+    assert "trainer.max_epochs=2" not in command
+    assert command.count("trainer.log_every_n_steps=9") == 1
+    ((ranked,), _) = read_scored([two_epochs])
+    assert ranked.overrides["trainer.max_epochs"] == "3"
 
 
 def test_ctrl_c_while_training_further_names_the_figures_that_stand(
