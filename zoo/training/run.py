@@ -1,5 +1,6 @@
 """Run one experiment, from its config to its figures."""
 
+import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,20 +17,14 @@ from zoo.base.compose import plain_dict
 from zoo.base.errors import InputError, hint
 from zoo.base.process_ranks import is_first_process, needs_processes
 from zoo.base.terminal import print_line
-from zoo.base.whole_file import refuse_links_out
+from zoo.base.whole_file import refuse_links_out, write_whole
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
 from zoo.scoring.replay_score import held_out_replay
 from zoo.scoring.track_scores import run_options, score_run
-from zoo.training import build, conclusion, interruptions
-from zoo.training.candidates import (
-    choose_best,
-    complete_checkpoints,
-    monitored_figure,
-    restore_monitored,
-)
+from zoo.training import build, candidates, conclusion, interruptions
 from zoo.training.closed_loop import best_drive
 from zoo.training.data_facts import print_start, recorded_facts, rows_apart
 from zoo.training.distributed import ending_together
@@ -126,12 +121,13 @@ def _run(
         conclusion.read_curves(folder)  # a damaged file must not fail the training at its end
     if first:
         if resumed is not None:
-            restore_monitored(folder)
+            candidates.restore_monitored(folder)
         if keep_config:
             (folder / ".hydra").mkdir(exist_ok=True)
             OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
         if typed:
-            OmegaConf.save(OmegaConf.create([*typed]), folder / ".hydra" / "overrides.yaml")
+            words = json.dumps([*typed], ensure_ascii=False)  # is YAML; OmegaConf reads ${ in paths
+            write_whole(folder / ".hydra" / "overrides.yaml", words)
         write_split(folder / "split.csv", data.recording, data.split)
         build.keep_earlier_log(folder)
 
@@ -141,13 +137,14 @@ def _run(
     data = build.build_feed(data, plan, console)
     with ending_together(trainer, folder, interruptions.resume_command(folder)):
         _fit(trainer, module, data, resumed, folder)
-        complete_checkpoints(trainer, folder)
+        candidates.complete_checkpoints(trainer, folder)
     if not trainer.is_global_zero:
         return
 
     if summary := profiler_of(trainer).summary():  # as a log message, it would not be shown
         print_line(console, summary)
-    choice = choose_best(score, monitored_figure(trainer), folder, console, source)
+    monitor = candidates.monitored_figure(trainer)
+    choice = candidates.choose_best(score, monitor, folder, console, source)
     module.float()  # as in a loaded checkpoint, whatever trainer.precision left
     if (best := folder / "checkpoints" / "best.ckpt").is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])

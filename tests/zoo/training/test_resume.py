@@ -20,6 +20,7 @@ from tests.zoo.trainings import SMALL, data_of, equal, metrics, weights
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.results.scored import read_scored
+from zoo.runs.run_record import Run
 from zoo.runs.status import read_status, write_status
 
 INTERRUPT = "tests.zoo.spoil.Interrupt"
@@ -111,15 +112,18 @@ def test_a_finished_run_that_fails_to_train_further_keeps_its_figures_and_rank(
 def test_a_run_that_was_trained_further_is_repeated_and_ranked_by_its_keys(
     two_epochs: Path, zoo: Zoo
 ) -> None:
+    images = "data.images='\N{SLIGHTLY SMILING FACE}/${b'"
+    words = f'["model=tiny", "{images}", "trainer.max_epochs=2"]'
+    (two_epochs / ".hydra/overrides.yaml").write_text(words, encoding="utf-8")
     succeed(zoo("resume=run", "trainer.max_epochs=3", "trainer.log_every_n_steps=9"))
-    (command,) = re.findall(
-        "drivezoo train model=.*", (two_epochs / "report/report.md").read_text()
-    )
+    report = (two_epochs / "report/report.md").read_text(encoding="utf-8")
+    (command,) = re.findall("drivezoo train model=.*", report)
     assert "trainer.max_epochs=3" in command
     assert "trainer.max_epochs=2" not in command
     assert command.count("trainer.log_every_n_steps=9") == 1
     ((ranked,), _) = read_scored([two_epochs])
     assert ranked.overrides["trainer.max_epochs"] == "3"
+    assert images in Run(two_epochs).overrides
 
 
 def test_ctrl_c_while_training_further_names_the_figures_that_stand(
