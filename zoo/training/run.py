@@ -104,6 +104,7 @@ def _run(
     # Lightning's trainer knows the devices and the processes, which the plan depends on.
     network = build.build_network(config, data.view, console, resumed.path if resumed else None)
     kept = resumed.contents["drivezoo"].get("precision") if resumed else None
+    before_s = resumed.contents.get("trained", [0, 0, 0.0])[2] if resumed else 0.0
     precision = choose_precision(config, network, data.view, console, kept, bf16)
     if precision != config.trainer.get("precision"):
         keep_config, asked = True, asked.copy()  # the folder's config repeats the run anywhere
@@ -160,7 +161,7 @@ def _run(
         "device": str(plan.device),
         "threads": plan.threads,
         "precision": plan.precision,
-        "wall_s": time.perf_counter() - started,
+        "wall_s": time.perf_counter() - started + before_s,
     }
     metrics, judged = conclusion.write_metrics(folder, card, data, module, open_loop, fields)
     conclusion.print_conclusion(folder, metrics, judged if verdict else None, console)

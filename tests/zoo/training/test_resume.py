@@ -126,6 +126,16 @@ def test_a_run_that_was_trained_further_is_repeated_and_ranked_by_its_keys(
     assert images in Run(two_epochs).overrides
 
 
+def test_the_duration_of_a_resumed_run_has_the_epochs_before(two_epochs: Path, zoo: Zoo) -> None:
+    checkpoint = two_epochs / "checkpoints" / "last.ckpt"
+    contents = torch.load(checkpoint, weights_only=True)
+    contents["trained"][2] = 5000.0  # seconds
+    torch.save(contents, checkpoint)
+    succeed(zoo("resume=run", "trainer.max_epochs=3"))
+    assert 5000 < metrics(two_epochs)["wall_s"] < 6000
+    assert metrics(two_epochs)["seconds_per_epoch"] == pytest.approx(5000 / 3, rel=0.1)
+
+
 def test_ctrl_c_while_training_further_names_the_figures_that_stand(
     two_epochs: Path, zoo: Zoo
 ) -> None:
