@@ -40,6 +40,16 @@ def test_l2_decays_weights_and_not_biases(recorded: Written) -> None:
     assert biases["weight_decay"] == 0
 
 
+def test_a_constant_schedule_keeps_its_factor_in_every_epoch(recorded: Written) -> None:
+    keys = ["model.weights=null", "optim.lr=0.1", "schedule.factor=0.5"]
+    config = OmegaConf.create(compose_config([f"data.root={recorded.folder}", *keys]))
+    optimizers = module_of(config, build_data(config).view).configure_optimizers()
+    for _ in range(8):
+        assert {group["lr"] for group in optimizers["optimizer"].param_groups} == {0.05}
+        optimizers["optimizer"].step()
+        optimizers["lr_scheduler"]["scheduler"].step()
+
+
 def test_a_backbone_learns_at_a_rate_of_its_own(recorded: Written) -> None:
     counts = {0.001: 0, 0.0001: 0}
     for group in groups(recorded, "model=vgg", "optim.lr=0.001", "optim.backbone_lr=0.0001"):
