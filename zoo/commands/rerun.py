@@ -21,16 +21,8 @@ from zoo.training.resume import lead_from
 
 # Keys of metrics.json that are compared; times differ by machine.
 COMPARED = (
-    "model",
-    "parameters",
-    "epochs",
-    "best_epoch",
-    "open_loop",
-    "baselines",
-    "drive",
-    "closed_loop",
-    "leak",
-    "data",
+    *("model", "parameters", "epochs", "best_epoch", "train_samples", "open_loop", "baselines"),
+    *("side_response", "drive", "closed_loop", "choice", "leak", "data"),
 )
 Difference = tuple[str, object, object]  # key in metrics.json, and its values then and now
 TIMED = ("latency_ms", "in_training")
@@ -152,7 +144,8 @@ def _report(then: dict, now: dict, out: Path) -> None:
     for key in ("threads", "precision"):
         if then.get(key) != now.get(key):
             print(f"{key}: {then.get(key)} then, {now.get(key)} now")
-    before, after = ({key: figures.get(key) for key in COMPARED} for figures in (then, now))
+    keys = [key for key in COMPARED if key in then]  # of an older version
+    before, after = ({key: figures.get(key) for key in keys} for figures in (then, now))
     differing, count = differences(before, after)
     for name, *values in differing:
         print(f"{name}: {values[0]} then, {values[1]} now")

@@ -11,6 +11,7 @@ from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run_here, train_in_fork
 from tests.zoo.sweeps import write_run
 from tests.zoo.training.test_sweep_command import SMALL
+from zoo.base.errors import InputError
 from zoo.base.run_command import run_command
 from zoo.commands.rerun import _report, differences, rerun
 from zoo.commands.train import train_or_sweep as zoo
@@ -80,6 +81,15 @@ def test_other_code_is_named(
     assert len(lines) == is_named
     for line in lines:
         assert re.search(r"b2\b.*c3-dirty\b.*a1\b", line)
+
+
+@pytest.mark.parametrize("key", ["side_response", "choice", "train_samples"])
+def test_every_figure_of_a_run_is_compared(key: str, capsys: pytest.CaptureFixture) -> None:
+    code = {"hash": "a1", "commit": None}
+    now = {"versions": {}, "epochs": 3, "code": code, key: {"test": 0.2}}
+    with pytest.raises(InputError, match="1 of 2 figures differ"):
+        _report(now | {key: {"test": 0.1}}, now, Path("out"))
+    assert f"{key}.test: 0.1 then, 0.2 now" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
