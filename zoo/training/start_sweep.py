@@ -144,9 +144,12 @@ def conclude(folder: Path, console: Console) -> None:
     failed = [run for run in ranking.unranked if run.why in ("failed", "stopped")]
     if failed:
         reasons = "; ".join(f"{run.folder.name}: {run.reason or 'it was killed'}" for run in failed)
+        again = "the same command runs them again"
+        if records.read_record(folder).search:  # which chooses other values
+            words = ["drivezoo", "sweep", f"resume={folder}", "hydra.sweeper.n_trials=NUMBER"]
+            again = f"to add trials: {command_line([*words, *typed_parts()])}"
         raise InputError(
-            f"{len(failed)} of {counted(len(folders), 'job')} failed: {reasons}; the same command "
-            "runs them again"
+            f"{len(failed)} of {counted(len(folders), 'job')} failed: {reasons}; {again}"
         )
 
 
