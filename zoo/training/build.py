@@ -250,7 +250,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         if monitor.startswith(DROVE) and not drives:
             raise InputError(f"{what}, but nothing drives; add callbacks=closed_loop")
         best = mode_of(monitor)
-        if monitor.startswith(DROVE) and getattr(callback, "mode", best) != best:
+        if (monitor.startswith(DROVE) or best == "min") and getattr(callback, "mode", best) != best:
             raise InputError(f"{what}, of which the {best} is best; set its mode={best} too")
     if no_rows and str((config.schedule or {}).get("_target_")).endswith("ReduceLROnPlateau"):
         raise InputError(f"schedule=plateau follows val/mse, {lost} schedule=constant")
