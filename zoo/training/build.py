@@ -163,6 +163,9 @@ def build_module(
     """Return the LightningModule around a network."""
     optim = dict(config.optim)
     l2, slow = optim.pop("l2", 0.0), optim.pop("backbone_lr", None)
+    if slow is not None and facts_of(network).backbone is None:
+        none = "the network has no pretrained part; set optim.backbone_lr=null"
+        raise InputError(f"optim.backbone_lr={slow}: {none}")
     scale = lr_scale(optim["_target_"], optim.pop("lr_batch", None), config.data.get("batch_size"))
     optim |= {"lr": optim["lr"] * scale} if "lr" in optim else {}
     loss = construct("loss", config.loss)

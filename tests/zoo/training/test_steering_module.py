@@ -51,10 +51,13 @@ def test_a_constant_schedule_keeps_its_factor_in_every_epoch(recorded: Written) 
 
 
 def test_a_backbone_learns_at_a_rate_of_its_own(recorded: Written) -> None:
-    counts = {0.001: 0, 0.0001: 0}
-    for group in groups(recorded, "model=vgg", "optim.lr=0.001", "optim.backbone_lr=0.0001"):
+    counts = {0.002: 0, 0.0002: 0}
+    keys = ("optim.lr=0.001", "optim.backbone_lr=0.0001", "optim.lr_batch=16")  # data has 64
+    for group in groups(recorded, "model=vgg", *keys):
         counts[group["lr"]] += len(group["params"])
-    assert counts == {0.0001: 2 * 3, 0.001: 2 * 2}, "three convolutions learn, and the head"
+    assert counts == {0.0002: 2 * 3, 0.002: 2 * 2}, "three convolutions learn, and the head"
+    with pytest.raises(InputError, match=r"optim\.backbone_lr=0.0001: .* no pretrained part"):
+        groups(recorded, "model=tiny", *keys)
 
 
 def test_frozen_blocks_are_left_to_no_optimizer(recorded: Written) -> None:
@@ -221,12 +224,11 @@ def test_the_side_response_is_half_of_what_the_left_camera_adds() -> None:
 def test_the_learning_rate_follows_the_batch_that_it_is_for(
     optim: str, lr_batch: int | str, batch_size: int, rate: float
 ) -> None:
-    words = ["model=tiny", f"optim={optim}", f"optim.lr_batch={lr_batch}", "optim.backbone_lr=0.1"]
+    words = ["model=tiny", f"optim={optim}", f"optim.lr_batch={lr_batch}"]
     config = OmegaConf.create(compose_config([*words, f"data.batch_size={batch_size}"]))
     module = module_of(config, view_of(config.model, config.data.crop))
     (group,) = module.configure_optimizers()["optimizer"].param_groups
     assert group["lr"] == pytest.approx(rate)
-    assert module.backbone_lr == pytest.approx(rate * 0.1 / config.optim.lr)
 
 
 def test_a_users_files_need_none_of_drivezoos_own_keys() -> None:
