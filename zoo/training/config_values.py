@@ -35,6 +35,7 @@ BOUNDED |= dict.fromkeys(("trainer.accumulate_grad_batches", "schedule.step_size
 BOUNDED |= dict.fromkeys(("trainer.use_distributed_sampler", "trainer.barebones"), Literal[False])
 BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
 BOUNDED["callbacks.best.save_top_k"] = Literal[1]  # of several, the newest would be in best.ckpt
+BOUNDED["callbacks.last.save_weights_only"] = Literal[False]  # resume= needs the optimizer
 SET_BY_RUN = dict.fromkeys(("callbacks", "enable_checkpointing"), "callbacks=NAME")
 SET_BY_RUN |= {"logger": "logger=NAME", "default_root_dir": "hydra.run.dir=FOLDER"}
 SET_BY_RUN["overfit_batches"] = "trainer.limit_train_batches=N"  # which keeps our order of samples

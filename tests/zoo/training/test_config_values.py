@@ -47,6 +47,7 @@ POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
         ("trainer.barebones", True, "trainer.barebones=true: must be False"),
         ("data.flip", 2, "data.flip=2: must be a number in 0..1, or both"),
         ("callbacks.best.every_n_epochs", 1.5, "every_n_epochs=1.5: must be a whole number"),
+        ("callbacks.last.save_weights_only", True, "save_weights_only=true: must be False"),
         ("callbacks.best.save_top_k", 3, "callbacks.best.save_top_k=3: must be 1"),
         ("data.augment.brightness.p", 2, "data.augment.brightness.p=2: must be a number in 0..1"),
         ("data.augment.pose", POSE, "pose.aside_m=-1: must be a number of 0 or more"),
