@@ -30,6 +30,7 @@ POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
         ("data.crop", 40, "data.crop=40"),
         ("seed", "one", "seed=one: must be a whole number"),
         ("seed", -1, "seed=-1: must be a whole number"),
+        ("seed", 20260131140509, "seed=20260131140509: must be a whole number in 0..4294967295"),
         ("seed", 1.5, "seed=1.5: must be a whole number"),
         ("optim.lr", 0, "optim.lr=0: must be a number above 0"),
         ("optim.lr", "fast", "optim.lr=fast: must be a number"),
