@@ -74,6 +74,7 @@ def test_a_study_that_has_all_trials_trains_nothing_and_prints_so(recorded: Writ
     assert not Path("s/2").exists()
 
 
+@pytest.mark.usefixtures("here")
 def test_a_search_with_failed_trials_names_how_to_add_others(recorded: Written) -> None:
     line = only_line(search(recorded, "hydra.sweeper.n_trials=1", "data.val_share=0"), 1)
     assert line.startswith("drivezoo train: 1 of 1 job failed: 0: ")
