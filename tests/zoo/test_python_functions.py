@@ -107,7 +107,7 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.drive_road("lenet", 3), drivezoo.InputError, "points: each must be x"),
         (lambda: drivezoo.evaluate(lambda *_: 0.1), drivezoo.InputError, "returned 0.1 ("),
         (lambda: drivezoo.evaluate("lenet", world="."), drivezoo.UsageError, "drivezoo.replay("),
-        (lambda: drivezoo.train(resume="no"), drivezoo.InputError, "no: is no run"),
+        (lambda: drivezoo.train(resume="no"), drivezoo.InputError, "no: no such folder"),
     ],
 )
 def test_a_wrong_call_raises_one_line(call, kind: type[Exception], words: str, here: Path) -> None:
