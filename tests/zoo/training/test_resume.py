@@ -117,7 +117,7 @@ def test_a_run_that_was_trained_further_is_repeated_and_ranked_by_its_keys(
     (two_epochs / ".hydra/overrides.yaml").write_text(words, encoding="utf-8")
     succeed(zoo("resume=run", "trainer.max_epochs=3", "trainer.log_every_n_steps=9"))
     report = (two_epochs / "report/report.md").read_text(encoding="utf-8")
-    (command,) = re.findall("drivezoo train model=.*", report)
+    (command,) = re.findall("train model=.*", report)
     assert "trainer.max_epochs=3" in command
     assert "trainer.max_epochs=2" not in command
     assert command.count("trainer.log_every_n_steps=9") == 1
