@@ -116,7 +116,8 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
         names = " and ".join(path.name for path in paths)
         return Submission(name, None, f"{name} stands for two submissions, {names}; keep one")
     try:
-        inner = sorted(first.rglob("*")) if first.is_dir() else paths
+        # A link to a folder may lead to another student's, or to the whole disk.
+        inner = sorted(first.rglob("*")) if first.is_dir() and not first.is_symlink() else paths
         files = [path for path in inner if _is_network(path) and path.is_file()]
     except OSError as error:
         return Submission(name, None, f"{first}: cannot be read ({error.strerror})")
@@ -124,7 +125,7 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
         return Submission(name, files[0])
     problem = f"has {counted(len(files), 'network')}, must be one"
     if not files:
-        problem = "is or has no .ckpt or .onnx file, or links to nothing; hand in one"
+        problem = "is or has no .ckpt or .onnx file, or links to nothing or a folder; hand in one"
     return Submission(name, first if first.is_file() else None, f"{first}: {problem}")
 
 
