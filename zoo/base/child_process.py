@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,20 @@ def end_module(process: subprocess.Popen, grace_s: float = GRACE_S) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def limit_resource(name: str, most_bytes: int) -> None:
+    """Limit this process, which loads what a stranger made; Windows has no such limits.
+
+    Args:
+        name: limit of the module `resource`, such as RLIMIT_DATA, the memory.
+        most_bytes: limit, unless the system's own is lower.
+    """
+    if sys.platform != "win32":
+        import resource
+
+        with suppress(ValueError):
+            resource.setrlimit(getattr(resource, name), (most_bytes, most_bytes))
 
 
 def end_with_parent() -> None:

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 
-from zoo.base.child_process import end_after
+from zoo.base.child_process import end_after, limit_resource
 from zoo.base.command_keys import EntryChoice
 from zoo.base.errors import InputError, UsageError
 from zoo.base.machine import usable_cores
@@ -312,8 +312,5 @@ def read_apart(read: Callable[..., Result], path: Path, *arguments: Any) -> Resu
 
 
 def _read(read: Callable, path: Path, arguments: tuple, most_bytes: int, _report: object) -> Any:
-    if sys.platform != "win32":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
+    limit_resource("RLIMIT_DATA", most_bytes)
     return read(path, *arguments)

@@ -74,8 +74,7 @@ def _check_pickle(stream: io.BytesIO) -> None:
         values += sum(stack.pop() for _ in before)
         if values > MOST["values"]:
             raise ValueError(f"more than {MOST['values']:,} values")
-        for kind in step.stack_after:
-            stack.append(_MARK if kind is pickletools.markobject else values)
+        stack += [_MARK if kind is pickletools.markobject else values for kind in step.stack_after]
 
 
 def _is_known(name: str) -> bool:

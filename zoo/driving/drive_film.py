@@ -292,8 +292,7 @@ def _draw_instruments(image: np.ndarray, state: Overlay) -> list[Label]:
         labels.append(Label(angle_text(state.steering, state.rig), 85, height - 38, 17, WHITE))
         labels.append(Label(name, 85, height - 17, 9, GREY))
     if state.speed_mph is not None:
-        speed = f"{state.speed_mph:.1f}"
-        labels.append(Label(speed, WIDTH - 56, height - 33, 25, WHITE, "rm"))
+        labels.append(Label(f"{state.speed_mph:.1f}", WIDTH - 56, height - 33, 25, WHITE, "rm"))
         labels.append(Label("mph", WIDTH - 51, height - 29, 11, GREY))
     if state.throttle is not None:
         _draw_pedals(image, (WIDTH - 139, height - 13), 123, state.throttle)

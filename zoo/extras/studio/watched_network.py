@@ -14,7 +14,7 @@ import time
 from contextlib import suppress
 from typing import IO, Any
 
-from zoo.base.child_process import end_module, start_module
+from zoo.base.child_process import end_module, limit_resource, start_module
 from zoo.simulator.hand_page import LatestFrame
 
 MOST_BYTES = 4_000_000_000  # memory of a process; its files are limited to one hundredth
@@ -139,7 +139,8 @@ def watch(words: list[str]) -> None:
     # What libraries print must not stand between the frames.
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    _limit()
+    limit_resource("RLIMIT_DATA", MOST_BYTES)
+    limit_resource("RLIMIT_FSIZE", MOST_BYTES // 100)
 
     def write(state: dict, jpeg: bytes = b"") -> None:
         for block in (json.dumps(state).encode(), jpeg):
@@ -166,15 +167,6 @@ def watch(words: list[str]) -> None:
 
 
 SHOWN = ("time_s", "steering", "throttle", "speed_mph", "cross_track_m", "expert_steering")
-
-
-def _limit() -> None:
-    """Limit memory and files, as a stranger's network may ask for any amount."""
-    if sys.platform != "win32":
-        import resource
-
-        for limit, most in (("RLIMIT_DATA", MOST_BYTES), ("RLIMIT_FSIZE", MOST_BYTES // 100)):
-            resource.setrlimit(getattr(resource, limit), (most, most))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from zoo.base.bounded_files import read_json
+from zoo.base.child_process import limit_resource
 from zoo.base.errors import InputError
 from zoo.base.module_start import run_module
 from zoo.base.rig import UDACITY
@@ -95,18 +96,8 @@ def write_facts(file: Path, out: Path) -> None:
     write_whole(out, json_text(network_facts(file).model_dump()))
 
 
-def limit_memory() -> None:
-    """Limit this process's memory, as a graph may ask for any amount at a later image."""
-    if sys.platform != "win32":
-        import resource
-
-        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-        with suppress(ValueError):  # the system's own limit is lower
-            resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, hard))
-
-
 if __name__ == "__main__":
-    limit_memory()
+    limit_resource("RLIMIT_DATA", MOST_BYTES)  # a graph may ask for any amount at a later image
     facts = Path(sys.argv.pop(1))
     with suppress(InputError):  # of which the benchmark reports what is wrong with the file
         write_facts(Path(sys.argv[1]), facts)

@@ -190,7 +190,8 @@ def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_p
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems set no such limit")
 def test_a_submission_has_a_limit_of_memory() -> None:
-    program = f"from {network_facts.__module__} import *; limit_memory(); bytearray(MOST_BYTES)"
+    limited = 'limit_resource("RLIMIT_DATA", MOST_BYTES); bytearray(MOST_BYTES)'
+    program = f"from {network_facts.__module__} import *; {limited}"
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert ended.stderr.splitlines()[-1:] == ["MemoryError"]
 
