@@ -114,7 +114,8 @@ def _write_part(
     named = times_from_names([str(image) for image in recording.images[:, 0]])
     is_renamed = np.isfinite(recording.time_s) & ~(np.abs(named - recording.time_s) < 0.001)
     is_last = missing_rows(recording) | (np.diff(recording.recording) != 0)
-    for row, turned in reported(list(zip(rows.tolist(), mirrored.tolist(), strict=True)), report):
+    pairs = list(zip(rows.tolist(), mirrored.tolist(), strict=True))
+    for row, turned in reported(pairs, report):
         images = recording.images[row].tolist()
         if fault := next(filter(None, map(find_file_fault, images)), None):
             left_out.append(f"{recording.place(row)}: {fault}")

@@ -244,8 +244,7 @@ def _synced_early(descriptor: int) -> Iterator[None]:
 
 def _lock(target: Path) -> AbstractContextManager:
     """Return the held lock of a file; the system releases it when the process dies."""
-    path = target.with_suffix(".lock")
-    lock = FileLock(path)
+    lock = FileLock(target.with_suffix(".lock"))
     try:
         return lock.acquire(timeout=0)
     except Timeout:

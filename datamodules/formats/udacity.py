@@ -113,7 +113,8 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         *left_out_note([*recording.bad_images, *left_out], "their image is damaged or missing"),
         *recording.notes,
     ]
-    return Converted(out, len(recording), 1 + int(find_breaks(recording).sum()), tuple(notes))
+    drives = 1 + int(find_breaks(recording).sum())
+    return Converted(out, len(recording), drives, tuple(notes))
 
 
 def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:

@@ -66,8 +66,7 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
             shutil.copytree(source / ".hydra", folder / ".hydra")
             OmegaConf.save(config, folder / ".hydra" / "config.yaml")
         _train(folder, place_of(source), trusted, then.get("threads"))
-        now = read_metrics_file(folder)
-        _report(then, now, folder)
+        _report(then, read_metrics_file(folder), folder)
 
 
 def differences(then: object, now: object, name: str = "") -> tuple[list[Difference], int]:
@@ -109,8 +108,7 @@ def _trained_config(run: Path) -> DictConfig:
 
         card = read_checkpoint_file(last)["drivezoo"]
         check_card(card, last)
-        trained = card["config"]
-        config = OmegaConf.create(escape_interpolation(trained))
+        config = OmegaConf.create(escape_interpolation(card["config"]))
     if OmegaConf.select(config, "callbacks.pruning"):
         del config.callbacks["pruning"]  # belongs to a search that has ended
     return config
