@@ -147,8 +147,7 @@ def test_a_full_disk_keeps_the_drives(interrupted: Path, suite: Path, small_disk
     content = (out / UNFINISHED).read_bytes()
     free = shutil.disk_usage(small_disk).free
     (small_disk / "full").write_bytes(bytes(free))
-    with pytest.raises(InputError, match=f"{UNFINISHED}: No space left"):
-        drive(["zero"], suite, out)
+    assert f"{UNFINISHED}: No space left" in refusal(drive, ["zero"], suite, out)
     assert (out / UNFINISHED).read_bytes() == content
 
 
@@ -200,12 +199,11 @@ def test_verify_prints_how_a_drive_differs(
     drives = [first.model_copy(update={"figures": figures, **update}), *others]
     sums = vars(summarize_drives(drives)) | {"digest": digest_of_drives(drives)}
     write_result(tmp_path, result.model_copy(update={"drives": drives, **sums}))
-    with pytest.raises(InputError, match="1 with another digest or other figures"):
-        verify(tmp_path, suite)
+    assert "1 with another digest or other figures" in refusal(verify, tmp_path, suite)
     printed = capsys.readouterr().out
-    assert words in printed
-    assert "(by 0.0" in printed
-    assert "2 of 2 are clean or failed as before; figures differ by at most: cte_mean_m" in printed
+    most = "2 of 2 are clean or failed as before; figures differ by at most: cte_mean_m"
+    for text in (words, "(by 0.0", most):
+        assert text in printed
 
 
 @pytest.mark.parametrize(
@@ -290,9 +288,8 @@ def test_the_baselines_have_their_order(tmp_path: Path) -> None:
     for good, late in zip(results["expert"].drives, results["expert_late"].drives, strict=True):
         assert late.figures["autonomy"] <= good.figures["autonomy"]
         assert late.figures["steering_per_s"] > good.figures["steering_per_s"]
-    (good,), (late,) = (
-        drives_of(results[name].drives, "dynamics") for name in ("expert", "expert_late")
-    )
+    names = ("expert", "expert_late")
+    (good,), (late,) = (drives_of(results[name].drives, "dynamics") for name in names)
     assert late.figures["cte_mean_m"] > 2 * good.figures["cte_mean_m"]
 
 
@@ -307,17 +304,14 @@ def test_the_page_shows_names_as_text(suite: Path, tmp_path: Path) -> None:
 
 def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None:
     suite = write_suite(tmp_path, marks={"like": {"autonomy": 0.9}})
-    with pytest.raises(InputError, match="marks not reached"):
-        drive(["mean"], suite, tmp_path / "mean")
+    assert "marks not reached" in refusal(drive, ["mean"], suite, tmp_path / "mean")
     names = {path.name for path in (tmp_path / "mean").iterdir() if path.name[0] != "."}
     assert names == {NAME, PAGE, "marks.json", "marks.html", "failures"}
     assert "data:image/jpeg" in (tmp_path / "mean" / "marks.html").read_text()
     drive(["expert"], suite, tmp_path / "expert")
 
 
-def test_a_network_that_steers_nan_has_no_marks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_steering_nan_has_no_marks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     suite = write_suite(tmp_path, marks={"like": {"autonomy": 0}})
     nan = {"nan_frames": 1}
     monkeypatch.setattr(suite_drives, "drive_figures", lambda drive: drive_figures(drive) | nan)
@@ -361,10 +355,7 @@ def test_wrong_drivers_get_one_line(
         ({"groups": {"like": [{"track": "alpin:1"}]}}, "groups.like: alpin:1: there is no family"),
         ({"groups": {"like": []}}, "groups: has no drive"),
         ({"groups": {"like": [{"track": "alpine:1"}] * 2}}, "alpine:1 stands twice"),
-        (
-            {"groups": {"a": [{"track": "alpine:1", "delay_s": 9}]}},
-            r"delay_s=9\.0: must be .*0\.\.2",
-        ),
+        ({"groups": {"a": [{"track": "alpine:1", "delay_s": 9}]}}, r"delay_s=9\.0: .*0\.\.2"),
         ({"groups": {"a": [{"track": "alpine:1", "weather": {"fogg": 1}}]}}, "fogg: no such key"),
         ({"speed": 99}, "speed: .*30"),
         ({"mean_steering": None}, "mean: the suite tiny has no mean_steering"),
