@@ -14,7 +14,6 @@ from tests.refusals import refusal
 from tests.zoo.results import synthetic_results
 from tests.zoo.results.test_benchmark_command import write_suite
 from zoo.base.compose import conf_folder
-from zoo.base.errors import InputError
 from zoo.base.limits import MOST
 from zoo.results.marks import marks_table, missed_line, reached_marks, verdict, write_marks
 from zoo.results.result import BenchmarkResult, Interval
@@ -60,11 +59,8 @@ def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: BenchmarkRes
     reached = reached_marks(result, marks_of(MARKS))
     assert [(row.group, row.figure) for row in reached if not row.passed] == [("looks", "autonomy")]
     assert len(reached) == 6
-    line = missed_line(reached)
-    assert "1 of 6" in line
-    assert "looks" in line
-    assert "65.0" in line
-    assert "at least 70.0" in line
+    for text in ("1 of 6", "looks", "65.0", "at least 70.0"):
+        assert text in missed_line(reached)
 
 
 @pytest.mark.parametrize(
@@ -142,14 +138,9 @@ def tracks_in(content: object) -> set[str]:
 
 def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path: Path) -> None:
     reached = reached_marks(result, marks_of(MARKS))
-    assert marks_table(reached).columns[-1].cells == [
-        *("passed", "passed", "passed", "open", "passed", "passed")
-    ]
-    groups = {
-        "like": [],
-        "looks": [{"track": record.track} | record.settings for record in result.drives[2:]],
-    }
-    path = str(write_suite(tmp_path, speed=28, groups=groups))
+    assert marks_table(reached).columns[-1].cells == 3 * ["passed"] + ["open"] + 2 * ["passed"]
+    drives = [{"track": record.track} | record.settings for record in result.drives[2:]]
+    path = str(write_suite(tmp_path, speed=28, groups={"like": [], "looks": drives}))
     graded, page = write_marks(tmp_path, result, reached, read_suite(path), path)
     content = json.loads(graded.read_text())
     assert not content["passed"]
@@ -163,10 +154,8 @@ def test_an_autograder_and_a_student_get_files(result: BenchmarkResult, tmp_path
     assert hash_source(style) in text.replace("&#39;", "'")
     assert "<script" not in text
     assert text.index("lakeside:802") < text.index("lakeside:803")  # the worst drive first
-    command = (
-        "'my run/best.ckpt' track=lakeside:802 'weather={fog: 0.5, shadows: false}' speed=28.0"
-    )
-    assert f"{command} quality=simple film=true" in text.replace("&#39;", "'")
+    command = "'my run/best.ckpt' track=lakeside:802 'weather={fog: 0.5, shadows: false}'"
+    assert f"{command} speed=28.0 quality=simple film=true" in text.replace("&#39;", "'")
     assert f"drivezoo benchmark verify {tmp_path / 'result.json'} suite={path}" in text
 
 
@@ -220,5 +209,4 @@ def test_a_suite_of_too_many_drives_is_refused_before_its_roads_are_drawn(tmp_pa
     path = tmp_path / "many.yaml"
     drives = [{"track": f"alpine:{number}"} for number in range(MOST["drives"] + 1)]
     path.write_text(json.dumps({"name": "many", "groups": {"like": drives}}))
-    with pytest.raises(InputError, match=r"many\.yaml: groups: has 5,001 drives"):
-        read_suite(str(path))
+    assert "many.yaml: groups: has 5,001 drives" in refusal(read_suite, str(path))
