@@ -91,10 +91,8 @@ def test_fewer_than_three_roads_have_no_interval(roads: int) -> None:
 
 
 def test_a_difference_of_shares_stays_between_minus_one_and_one() -> None:
-    drives = [record(n, lost=10) for n in range(3)]
-    shifted = [
-        record(n, 10 if n else 0, group="looks", settings={"delay_s": 0.2}) for n in range(3)
-    ]
+    drives, late = [record(n, lost=10) for n in range(3)], {"delay_s": 0.2}
+    shifted = [record(n, 10 if n else 0, group="looks", settings=late) for n in range(3)]
     change = differences([*drives, *shifted])["looks"]["autonomy"]
     assert change.value == pytest.approx(1 / 3)
     assert (change.low, change.high) == (-1.0, 1.0)
