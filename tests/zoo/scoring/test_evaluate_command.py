@@ -170,9 +170,7 @@ def test_every_system_allows_the_names_of_drives(tmp_path: Path, console, monkey
         ("perturb=fgo", "perturb=fgo: no such choice; did you mean fog?"),
     ],
 )
-def test_a_mistake_is_one_line_before_a_drive(
-    option: str, words: str, checkpoint: str, tmp_path: Path
-) -> None:
+def test_a_mistake_is_one_line(option: str, words: str, checkpoint: str, tmp_path: Path) -> None:
     assert words in refusal(command, [checkpoint, option, f"out={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()
 
