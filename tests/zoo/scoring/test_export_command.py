@@ -15,6 +15,7 @@ from rich.console import Console
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written
+from tests.refusals import refusal
 from tests.slow_members import slow, slow_but
 from tests.zoo.command_runs import run_here
 from tests.zoo.models.test_models_command import build
@@ -158,9 +159,7 @@ def test_a_file_that_steers_differently_is_removed(
     assert not list(tmp_path.glob("*.onnx"))
 
 
-def test_frames_are_of_the_training_or_drawn(
-    checkpoint: Path, recorded: Written, here: Path
-) -> None:
+def test_frames_are_recorded_or_drawn(checkpoint: Path, recorded: Written, here: Path) -> None:
     loaded = load_checkpoint(checkpoint)
     assert take_frames(None, loaded).source == f"of {recorded.folder}"
     moved = replace(loaded, config={"data": {"root": str(here / "of another machine")}})
@@ -170,8 +169,7 @@ def test_frames_are_of_the_training_or_drawn(
     assert len(rendered.frames) == len(rendered.speeds_mph) == RENDERED
     assert {frame.shape for frame in rendered.frames} == {(160, 320, 3)}
     assert len({frame.tobytes() for frame in rendered.frames}) == RENDERED
-    with pytest.raises(InputError, match="nowhere"):
-        take_frames("nowhere", loaded)
+    assert "nowhere" in refusal(take_frames, "nowhere", loaded)
 
 
 def test_the_network_uses_the_threads_of_the_driver(exported: Path) -> None:
@@ -213,9 +211,8 @@ def test_the_live_page_switches_to_and_from_it(exported: Path, checkpoint: Path)
     from zoo.simulator.legacy_socket import LegacySocket
     from zoo.simulator.telemetry import make_telemetry
 
-    with served(
-        exported.parent / "drive", "zoo.commands.drive", "model.onnx", "drive.port=0"
-    ) as driver:
+    words = ("zoo.commands.drive", "model.onnx", "drive.port=0")
+    with served(exported.parent / "drive", *words) as driver:
         client = LegacySocket(f"http://127.0.0.1:{driver.port}")
 
         def steering() -> str:
@@ -262,10 +259,8 @@ def test_a_missing_package_is_named(
 
 @pytest.mark.parametrize("out", ["model.pt", "absent/model.onnx"])
 def test_a_wrong_output_is_one_line(out: str, checkpoint: Path) -> None:
-    with pytest.raises(InputError, match=f"out={out}: "):
-        export.main([str(checkpoint), f"out={out}"])
+    assert f"out={out}: " in refusal(export.main, [str(checkpoint), f"out={out}"])
 
 
 def test_an_exported_file_is_not_exported(exported: Path) -> None:
-    with pytest.raises(InputError, match=r"model\.onnx: "):
-        export.main([str(exported)])
+    assert "model.onnx: " in refusal(export.main, [str(exported)])
