@@ -80,8 +80,7 @@ def test_the_expert_beside_it_drives_with_its_own_throttle_too() -> None:
 
 
 def test_it_is_said_in_one_line(checkpoint, tmp_path) -> None:
-    line = only_line(
-        run_here(tmp_path, checkpoint, "throttle=network", module="zoo.commands.evaluate")
-    )
+    words = (checkpoint, "throttle=network")
+    line = only_line(run_here(tmp_path, *words, module="zoo.commands.evaluate"))
     assert "no throttle; train model=nvidia_speed" in line
     assert list(tmp_path.iterdir()) == []
