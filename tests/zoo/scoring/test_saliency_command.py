@@ -102,9 +102,7 @@ def test_the_overlay_is_green_where_it_matters(frame: np.ndarray) -> None:
     assert np.array_equal(overlay(frame, where), frame)
 
 
-def test_a_recordings_images_get_one_size(
-    checkpoint: str, recorded: Written, tmp_path: Path
-) -> None:
+def test_images_get_one_size(checkpoint: str, recorded: Written, tmp_path: Path) -> None:
     folder = shutil.copytree(recorded.folder, tmp_path / "mixed")
     large = next(folder.rglob(recorded.image(-1).name))
     cv2.imwrite(str(large), cv2.resize(cv2.imread(str(large)), (400, 300)))
