@@ -17,6 +17,8 @@ from zoo.driving.intervals import ONE_TRACK
 from zoo.scoring.evidence import Evidence, has_rig, read_evidence, training_command
 from zoo.scoring.verdict import Verdict, judge, print_verdict
 
+OF_MOUNTAIN = {"record": {"passes": [{"track": "mountain"}]}}
+
 
 def drive(interventions: int = 0, track: str = "lake", seed: int = 0, laps: float = 1.0) -> dict:
     autonomy = max(0.0, 1 - 6 * interventions / 180)
@@ -194,17 +196,11 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
             "trainer.max_epochs=16",
         ),
         (
-            evidence(
-                {}, (), findings=[{"text": "84 % of steering is 0."}, {"text": "0 recoveries"}]
-            ),
-            "The recording: 84 % of steering is 0. 0 recoveries. 'augment=",
+            evidence({}, (), findings=[{"text": "84 % of steering is 0."}, {"text": "0 bends"}]),
+            "The recording: 84 % of steering is 0. 0 bends. 'augment=",
             "augment=[brightness,shadow,shift]",
         ),
-        (
-            evidence({"data": {"record": {"passes": [{"track": "mountain"}]}}}),
-            "lake",
-            "experiment=both_tracks",
-        ),
+        (evidence({"data": OF_MOUNTAIN}), "lake", "experiment=both_tracks"),
     ],
 )
 def test_a_likely_cause_is_named_with_a_remedy(facts: Evidence, cause: str, typed: str) -> None:
@@ -241,14 +237,13 @@ def test_a_remedy_that_the_training_had_is_not_advised_again() -> None:
 
 
 def test_the_recipe_for_unseen_roads_is_trained_on_the_same_recording() -> None:
-    data = {"record": {"passes": [{"track": "mountain"}]}}
     typed = ("experiment=lenet", "data.root=/my laps", "data.offset=0.3", "optim.lr=0.1")
-    command = words_of(judge([drive(20)], evidence({"data": data}, typed)))[0]
+    command = words_of(judge([drive(20)], evidence({"data": OF_MOUNTAIN}, typed)))[0]
     assert command == ["drivezoo", "train", "experiment=both_tracks", "data.root=/my laps"]
 
 
 def test_the_recipe_is_not_advised_to_a_network_that_had_it() -> None:
-    data = {"record": {"passes": [{"track": "mountain"}]}, "augment": {"pose": {"p": 0.7}}}
+    data = OF_MOUNTAIN | {"augment": {"pose": {"p": 0.7}}}
     verdict = judge([drive(20)], evidence({"data": data}))
     assert "do not show zoo_lake; record more roads" in " ".join(verdict.causes)
     assert not any("both_tracks" in command for _, command in verdict.commands)
