@@ -13,7 +13,7 @@ from datamodules.recorded_car import write_rig_of
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import written_folder
 from zoo.base.notices import Notices
-from zoo.base.rig import Rig
+from zoo.base.rig import UDACITY, Rig
 from zoo.base.whole_file import AppendedFile, write_new
 from zoo.driving.drive_log import LOG_NAME, DriveWriter, read_drive, write_summary
 from zoo.driving.drive_record import SOCKET, DriveRow
@@ -37,7 +37,8 @@ class BackgroundWriter:
 
     Attributes:
         recorded: number of rows in the folder's `driving_log.csv`.
-        rig: car of a simulator that tells its own, set before the first row.
+        rig: driven car, None if it is unknown; a simulator that tells its own sets it before the
+            first row.
 
     Raises:
         InputError: the folder holds a drive or a recording already.
@@ -51,7 +52,7 @@ class BackgroundWriter:
                 )
         self.folder, self.notices, self.source = folder.absolute(), notices, source
         self.recorded = 0
-        self.rig: Rig | None = None
+        self.rig: Rig | None = UDACITY if source is None else None
         self._held, self._is_open = contextlib.ExitStack(), False
         self._queue: queue.Queue[Item | None] = queue.Queue(WAITING)
         self._writer: DriveWriter | None = None
@@ -151,8 +152,7 @@ class BackgroundWriter:
             if self._recording is None:
                 self._open_folder()
                 (self.folder / IMAGE_FOLDER).mkdir(exist_ok=True)
-                if self.source is not None:
-                    write_rig_of(self.folder, self.rig, self.source)
+                write_rig_of(self.folder, self.rig, self.source or "")
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
             name = image_name("center", self._moment(row.time_s, begins))
             path = self.folder / IMAGE_FOLDER / name

@@ -177,7 +177,7 @@ class Driver:
             engines = (member.engine for member in self.policy.members)
             self._engines[self.checkpoint] = [dict(facts) for facts in engines if facts]
         self._check_shape(*telemetry.frame.shape[:2])
-        command = session.predict(self.policy, telemetry, now_s)
+        command = session.predict(self.policy.in_car(self.writer.rig), telemetry, now_s)
         if not math.isfinite(command.steering) or not math.isfinite(command.throttle or 0.0):
             raise ValueError(f"its steering is {command.steering}, its throttle {command.throttle}")
         steering = session.steer(float(command.steering), now_s)

@@ -12,6 +12,7 @@ from tests.zoo.server.old_client import telemetry
 from tests.zoo.server.serve import picture, red_policy
 from zoo.base.errors import InputError
 from zoo.base.notices import Notices
+from zoo.base.rig import CURVATURE, RIGS, UDACITY, Rig
 from zoo.checkpoints.policy_base import Command, Policy, as_policy
 from zoo.driving.drive_log import SUMMARY_NAME, read_summary
 from zoo.driving.drive_record import FALLBACK
@@ -154,6 +155,27 @@ def test_switching_keeps_the_old_checkpoint_if_the_new_does_not_load(make: Make)
     driver.switch("good")
     assert driver.answer(session, MOVING).values["steering_angle"] == "-1.0000"
     assert driver.latest().checkpoint == "good"
+
+
+class Bend(Policy):
+    """A network of data.label=curvature, which predicts a bend to the right."""
+
+    data = {CURVATURE: 0.1625}  # noqa: RUF012
+
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        return self.for_car(Command(0.3))
+
+
+@pytest.mark.parametrize(("rig", "steering"), [(UDACITY, 0.3186), (RIGS["donkey_sim"], 0.4978)])
+def test_a_curvature_is_steered_by_the_driven_car(make: Make, rig: Rig, steering: float) -> None:
+    driver = make()
+    assert driver.writer.rig == UDACITY
+    driver.writer.rig = rig
+    driver.load = lambda path: Bend().in_car(UDACITY)
+    driver.switch("bend.ckpt")
+    assert driver.answer(driver.connect("a"), MOVING, 0.0).row.steering == pytest.approx(
+        steering, abs=1e-4
+    )
 
 
 def test_a_drive_names_each_network_that_drove(make: Make) -> None:

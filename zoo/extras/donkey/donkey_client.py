@@ -65,6 +65,8 @@ class DonkeyClient(DrivenSimulator):
     def _drive(self, world: DonkeyWorld) -> None:
         state = world.reset(self._scenario)
         self._driver.writer.rig = world.rig
+        # A network that cannot drive an unknown car fails now, not at each frame.
+        self._driver.policy.in_car(world.rig)(world.frame(), 0.0)
         session = self._driver.connect(self._scenario.track)
         while not state.done:
             came_s = time.perf_counter()

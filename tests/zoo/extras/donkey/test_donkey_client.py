@@ -1,8 +1,10 @@
 """`drivezoo drive world=donkey`: a network that drives in a Donkeycar simulator."""
 
 import subprocess
+from datetime import datetime
 from pathlib import Path
 
+import eventlet
 import numpy as np
 import pytest
 
@@ -11,8 +13,14 @@ from datamodules.recording_format import read_recordings
 from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.extras.donkey.donkey_process import donkey_simulator
 from tests.zoo.extras.donkey.donkey_replica import donkey_replica, telemetry
+from tests.zoo.server.test_driver import Bend
+from zoo.base.notices import Notices
 from zoo.base.rig import RIGS
 from zoo.driving.drive_log import read_drive
+from zoo.driving.speed_controller import Constant, SteeringFilter
+from zoo.extras.donkey.donkey_client import DonkeyClient
+from zoo.server.drive_writer import BackgroundWriter
+from zoo.server.driver import Driver
 
 
 def drive(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -53,6 +61,19 @@ def test_a_failing_simulator_leaves_a_line_and_the_drive(tmp_path: Path, put_bac
     record = read_drive(tmp_path / "drive")
     assert record.summary["interventions"] == record.summary["off_road"] >= 1
     assert put_back == ("set_position" in {message["msg_type"] for message in received})
+
+
+def test_a_network_of_curvature_is_refused_in_an_unknown_car(tmp_path: Path) -> None:
+    notices = Notices(lambda line: None)
+    writer = BackgroundWriter(tmp_path / "drive", notices, "oval")
+    driver = Driver(Bend(), Constant(0.2), SteeringFilter(), writer, notices)
+    with donkey_replica(lambda number, message: message) as (address, _):
+        client = DonkeyClient(driver, address, 1, put_back=True)
+        client.start()
+        while not client.ended:
+            eventlet.sleep(0.01)
+    assert "data.label=curvature, and the rig of the driven car is unknown" in client.stop()
+    assert driver.end(datetime.now()) is None
 
 
 def test_two_simulators_at_once_are_refused(tmp_path: Path) -> None:
