@@ -1,5 +1,7 @@
 """Windows of rows: what is in one, what it never crosses, and that it changes as one."""
 
+from dataclasses import replace
+
 import albumentations
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from datamodules.samples import make_samples
 from datamodules.split import PARTS
 from datamodules.windows import Windows
 from tests.datamodules.test_augment import fitted
+from tests.datamodules.test_device_augment import on_device
 from tests.recordings import recording_in_memory, write_recording
 from tests.refusals import refusal
 from zoo.base.rig import MPS_PER_MPH, UDACITY
@@ -156,20 +159,10 @@ def random_windows() -> tuple[np.ndarray, np.ndarray]:
     return images, rng.uniform(-0.5, 0.5, (7, 5)).astype(np.float32)
 
 
-def on_cpu(augment: Augment, images: np.ndarray, steering: np.ndarray):
-    return augment(np.ascontiguousarray(images), steering.copy(), seed=3)
-
-
-def on_device(augment: Augment, images: np.ndarray, steering: np.ndarray):
-    drawn, turned = augment.draw(images.shape[-3:], steering, seed=3)
-    changed = augment.on_device(torch.from_numpy(images.copy()), torch.from_numpy(drawn))
-    return changed.numpy(), turned
-
-
 @pytest.mark.parametrize(
     ("change", "name"),
     [
-        *((on_cpu, name) for name in TRANSFORMS),
+        *((Augment.__call__, name) for name in TRANSFORMS),
         *((on_device, name) for name in ("brightness", "shadow", "shift", "bend")),
     ],
 )
@@ -177,11 +170,11 @@ def test_a_window_is_augmented_as_one(change, name):
     """Each of its frames, and each target, is changed as if it were alone with the same draws."""
     augment = Augment([TRANSFORMS[name]()], "yuv")
     images, steering = random_windows()
-    changed, turned = change(augment, images, steering)
+    changed, turned = change(augment, images, steering, seed=3)
     assert changed.shape == images.shape
     assert (changed != images).any()
     for at in range(5):
-        alone, angle = change(augment, images[:, min(at, 2)], steering[:, at])
+        alone, angle = change(augment, images[:, min(at, 2)], steering[:, at], seed=3)
         if at < 3:
             np.testing.assert_array_equal(changed[:, at], alone)
         np.testing.assert_array_equal(turned[:, at], angle)
@@ -198,15 +191,23 @@ def test_groups_of_batches_on_a_device_are_the_same_batches(load):
         assert all(torch.equal(tensor, other[name]) for name, tensor in batch.items())
 
 
-@pytest.mark.parametrize("world", [2, 3])
-def test_shards_together_are_the_batch_of_one_process(load, world):
-    data = load(augment={"shift": Shift(), "blur": albumentations.GaussianBlur()}, **WINDOWS)
-    batches = data.training_batches()
-    for samples in (np.arange(40, 60), np.arange(7, 8)):
-        whole = batches[BatchKey(0, 3, samples)]
-        shards = [batches[BatchKey(0, 3, samples, rank, world)] for rank in range(world)]
-        for name, tensor in whole.items():
-            assert torch.equal(torch.cat([shard[name] for shard in shards]), tensor), name
+SINGLE_OR_WINDOWS = pytest.mark.parametrize("windows", [{}, WINDOWS], ids=["single", "windows"])
+
+
+@pytest.mark.parametrize("world", [2, 3, 4])
+@pytest.mark.parametrize("flip", [0.5, "both"])
+@SINGLE_OR_WINDOWS
+def test_shards_together_are_the_batch_of_one_process(load, windows, flip, world):
+    """So are flips, augmentations of ours and of albumentations, and shards without a sample."""
+    augment = {name: TRANSFORMS[name]() for name in ("brightness", "shadow", "shift", "blur")}
+    batches = load(flip=flip, augment=augment, **windows).training_batches()
+    for samples in (np.arange(40, 60), np.arange(6, 8), np.arange(7, 8)):
+        key = BatchKey(0, 3, samples)
+        shards = [replace(key, rank=rank, world=world) for rank in range(world)]
+        for name, tensor in batches[key].items():
+            assert torch.equal(torch.cat([batches[shard][name] for shard in shards]), tensor), name
+        steering = np.concatenate([batches.steering(shard) for shard in shards])
+        np.testing.assert_array_equal(steering, batches.steering(key))
 
 
 def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
@@ -226,15 +227,20 @@ def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
         assert torch.equal(targets[:, 0], torch.tensor(data.recording.steering[wanted]).float())
 
 
-def test_shards_of_the_evaluation_together_are_all_rows(load):
-    """A rank without rows has one empty batch."""
-    batches = load(**WINDOWS).evaluation_batches("val")
-    world = len(batches.rows) + 1
+@pytest.mark.parametrize("world", [1, 2, 3, 13])
+@SINGLE_OR_WINDOWS
+def test_shards_of_the_evaluation_together_are_all_rows_in_order(load, windows, world):
+    """With 11 rows and 13 ranks, two ranks have one empty batch."""
+    batches = load(**windows).evaluation_batches("val")
+    batches = replace(batches, rows=batches.rows[:11])
     shards = [batches.share(rank, world) for rank in range(world)]
-    assert shards[-1][0]["images"].shape == (0, 3, 3, 33, 100)
-    for name in ("images", "speed", "targets"):
-        parts = torch.cat([batch[name] for shard in shards for batch in shard])
-        assert torch.equal(parts, torch.cat([batch[name] for batch in batches]))
+    sizes = [len(shard.rows) for shard in shards]
+    assert max(sizes) - min(sizes) <= 1
+    parts = [batch for shard in shards for batch in shard]
+    assert len(parts) == world
+    for name, tensor in batches[0].items():
+        assert {part[name].shape[1:] for part in parts} == {tensor.shape[1:]}, name
+        assert torch.equal(torch.cat([part[name] for part in parts]), tensor), name
 
 
 def test_sides_need_the_side_images_of_all_frames(load):

@@ -14,11 +14,9 @@ import torch
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from datamodules.balance import BatchKey
-from datamodules.driving import DrivingData
 from tests.recordings import Written
 from tests.zoo.command_runs import command, environment, run, run_words, succeed
-from tests.zoo.trainings import module_of, weights
+from tests.zoo.trainings import data_of, module_of, weights
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.runs.status import read_status
@@ -39,46 +37,6 @@ SETTINGS = (
 )
 # Sums in another order, in single precision, through 30 steps: 0.00000001 was measured.
 TOLERANCE = 1e-6
-
-
-def loaded(recorded: Written, tmp_path: Path, *overrides: str) -> DrivingData:
-    root = (f"data.root={recorded.folder}", f"data.cache={tmp_path / 'cache'}")
-    config = OmegaConf.create(compose_config([*SETTINGS, *root, *overrides]))
-    return load_data(config, Console(quiet=True))
-
-
-@pytest.mark.parametrize("world", [2, 3, 4])
-@pytest.mark.parametrize("flip", ["0.5", "both"])
-def test_shares_put_together_are_the_batch_of_one_process(
-    recorded: Written, tmp_path: Path, world: int, flip: str
-) -> None:
-    """So are flips and augmentations, our own and albumentations', also with empty shards."""
-    data = loaded(recorded, tmp_path, f"data.flip={flip}", "model.colour=yuv")
-    batches = data.training_batches()
-    for number, size in enumerate((19, 2, 1)):
-        samples = np.arange(3 * size, 4 * size)
-        whole_key = BatchKey(0, number, samples)
-        keys = [replace(whole_key, rank=rank, world=world) for rank in range(world)]
-        shares = [batches[key] for key in keys]
-        for name, tensor in batches[whole_key].items():
-            assert torch.equal(torch.cat([share[name] for share in shares]), tensor), name
-        steering = [batches.steering(key) for key in keys]
-        assert np.array_equal(np.concatenate(steering), batches.steering(whole_key))
-
-
-@pytest.mark.parametrize("world", [1, 2, 3, 13])
-def test_the_rows_to_validate_on_are_shared_out_in_order(
-    recorded: Written, tmp_path: Path, world: int
-) -> None:
-    """With 11 rows and 13 processes, two processes get an empty batch."""
-    data = loaded(recorded, tmp_path)
-    batches = replace(data.evaluation_batches("val"), rows=data.split.train[:11])
-    shares = [batches.share(rank, world) for rank in range(world)]
-    assert max(len(share.rows) for share in shares) - min(len(share.rows) for share in shares) <= 1
-    parts = [batch for share in shares for batch in share]
-    assert len(parts) == world
-    for name, tensor in batches[0].items():
-        assert torch.equal(torch.cat([part[name] for part in parts]), tensor), name
 
 
 class Kept(lightning.Callback):
@@ -182,10 +140,9 @@ def test_when_a_process_dies_the_first_says_so_in_a_line_and_ends(
     assert read_status(tmp_path / "run")["status"] == "failed"
 
 
-def test_more_processes_than_samples_in_a_batch_are_refused(
-    recorded: Written, tmp_path: Path
-) -> None:
-    data = loaded(recorded, tmp_path, "data.batch_size=1")
+def test_more_processes_than_samples_in_a_batch_are_refused(recorded: Written) -> None:
+    keys = [*SETTINGS, *data_of(recorded), "data.batch_size=1"]
+    data = load_data(OmegaConf.create(compose_config(keys)), Console(quiet=True))
     with pytest.raises(InputError, match=r"data\.batch_size=1 .* 2 processes .*; set it to 2"):
         make_plan(None, data, None, Others(), None)
 
