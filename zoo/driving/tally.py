@@ -82,7 +82,7 @@ class Tally:
         return autonomy(self.interventions, self.driven_s)
 
     def step(
-        self, elapsed_s: float, served_s: float, speed_mph: float, judged: bool = True
+        self, elapsed_s: float, served_s: float, speed_mph: float, judged: bool | None = True
     ) -> None:
         """Count one telemetry message of a client.
 
@@ -90,12 +90,13 @@ class Tally:
             elapsed_s: seconds since the client's last telemetry, by the simulator's clock.
             served_s: seconds since the client's last telemetry, by the wall clock.
             speed_mph: speed of the car.
-            judged: whether the client sends its cross-track error.
+            judged: whether the client sends its cross-track error; None before its first readable
+                telemetry, until when nothing is driven.
         """
         self.telemetry += 1
         if served_s <= LONGEST_STEP_S:
             self.served_s += served_s
-        if elapsed_s <= LONGEST_STEP_S:
+        if elapsed_s <= LONGEST_STEP_S and judged is not None:
             self.driven_s += elapsed_s
             self.unjudged_s += 0.0 if judged else elapsed_s
             self.speed_s += elapsed_s * speed_mph

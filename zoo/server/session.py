@@ -30,7 +30,8 @@ class Session:
     ) -> None:
         self.number, self.controller, self.steer = number, controller, steer
         self.rule = InterventionRule(margin_m or DEFAULT_MARGIN_M)
-        self.sends_cross_track = self.can_put_back = False
+        self.sends_cross_track: bool | None = None  # unknown before the first readable telemetry
+        self.can_put_back = False
         self._margin_m = margin_m
         self.decimal: str | None = None
         self.steering = self.speed_mph = 0.0
@@ -71,7 +72,7 @@ class Session:
             now_s: time of the telemetry in seconds.
             held: whether the driver itself keeps the car from moving.
         """
-        self.sends_cross_track |= math.isfinite(telemetry.cross_track_m)
+        self.sends_cross_track = self.sends_cross_track or math.isfinite(telemetry.cross_track_m)
         self.can_put_back = telemetry.can_put_back
         if self._margin_m is None and telemetry.lane_m and telemetry.lane_m > 0:
             self.rule.margin_m = telemetry.lane_m

@@ -228,6 +228,18 @@ def test_autonomy_counts_stretches_and_driven_time(make: Make) -> None:
     assert state.autonomy == pytest.approx(0.8, abs=0.01)
 
 
+def test_frames_before_the_first_readable_one_are_not_driven(make: Make) -> None:
+    driver = make()
+    judged, unreadable = driver.connect("a"), driver.connect("b")
+    for step in range(101):
+        image = {"image": ""} if step < 50 else {}
+        driver.answer(judged, MOVING | {"cte": 0.0} | image, step * 0.1)
+        driver.answer(unreadable, MOVING | {"cte": 0.0, "image": ""}, step * 0.1)
+    figures = driver.tally.figures()
+    assert figures["driven_s"] == pytest.approx(5)
+    assert figures["autonomy"] == 1
+
+
 def test_time_is_the_simulators_own_where_it_tells_it(make: Make) -> None:
     """Drive 60 s of simulated time in 1 s: a simulator that waits for replies can be that fast."""
     driver = make()
