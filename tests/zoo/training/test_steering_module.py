@@ -24,11 +24,14 @@ from zoo.training.open_loop import baseline_metrics, open_loop_metrics, side_res
 from zoo.training.steering_module import SteeringModule
 
 
-def groups(recorded: Written, *overrides: str) -> list[dict]:
+def optimizers_of(recorded: Written, *overrides: str) -> dict:
     root = f"data.root={recorded.folder}"
     config = OmegaConf.create(compose_config([root, "model.weights=null", *overrides]))
-    module = module_of(config, build_data(config).view)
-    return module.configure_optimizers()["optimizer"].param_groups
+    return module_of(config, build_data(config).view).configure_optimizers()
+
+
+def groups(recorded: Written, *overrides: str) -> list[dict]:
+    return optimizers_of(recorded, *overrides)["optimizer"].param_groups
 
 
 def test_l2_decays_weights_and_not_biases(recorded: Written) -> None:
@@ -41,9 +44,7 @@ def test_l2_decays_weights_and_not_biases(recorded: Written) -> None:
 
 
 def test_a_constant_schedule_keeps_its_factor_in_every_epoch(recorded: Written) -> None:
-    keys = ["model.weights=null", "optim.lr=0.1", "schedule.factor=0.5"]
-    config = OmegaConf.create(compose_config([f"data.root={recorded.folder}", *keys]))
-    optimizers = module_of(config, build_data(config).view).configure_optimizers()
+    optimizers = optimizers_of(recorded, "optim.lr=0.1", "schedule.factor=0.5")
     for _ in range(8):
         assert {group["lr"] for group in optimizers["optimizer"].param_groups} == {0.05}
         optimizers["optimizer"].step()
@@ -58,11 +59,6 @@ def test_a_backbone_learns_at_a_rate_of_its_own(recorded: Written) -> None:
     assert counts == {0.0002: 2 * 3, 0.002: 2 * 2}, "three convolutions learn, and the head"
     with pytest.raises(InputError, match=r"optim\.backbone_lr=0.0001: .* no pretrained part"):
         groups(recorded, "model=tiny", *keys)
-
-
-def test_frozen_blocks_are_left_to_no_optimizer(recorded: Written) -> None:
-    head = groups(recorded, "model=vgg", "model.trainable_blocks=0")
-    assert sum(len(group["params"]) for group in head) == 4
 
 
 def test_weights_that_overflow_in_an_epochs_last_step_stop_the_training(
@@ -171,16 +167,6 @@ def test_targets_that_a_loss_would_broadcast_are_refused(columns: Callable) -> N
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_evaluation_is_of_the_newest_frame(name: str) -> None:
-    network = network_of(name)
-    batch = batch_of(network)
-    with torch.inference_mode():
-        predicted = module_around(network)({"images": batch["images"], "speed": batch["speed"]})
-        assert torch.equal(predicted, network.newest(network(batch["images"])))
-    assert predicted.shape == (2, 1)
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_windows_of_one_frame_are_plain_batches(name: str) -> None:
     """A datamodule without windows has images [N, C, H, W] and targets [N, 2]."""
     network = memory_of(name, "model.sequence=1", *["model.ahead=0"] * (name == "action_chunk"))
@@ -222,12 +208,10 @@ def test_the_side_response_is_half_of_what_the_left_camera_adds() -> None:
     ],
 )
 def test_the_learning_rate_follows_the_batch_that_it_is_for(
-    optim: str, lr_batch: int | str, batch_size: int, rate: float
+    optim: str, lr_batch: int | str, batch_size: int, rate: float, recorded: Written
 ) -> None:
-    words = ["model=tiny", f"optim={optim}", f"optim.lr_batch={lr_batch}"]
-    config = OmegaConf.create(compose_config([*words, f"data.batch_size={batch_size}"]))
-    module = module_of(config, view_of(config.model, config.data.crop))
-    (group,) = module.configure_optimizers()["optimizer"].param_groups
+    keys = (f"optim={optim}", f"optim.lr_batch={lr_batch}", f"data.batch_size={batch_size}")
+    (group,) = groups(recorded, "model=tiny", *keys)
     assert group["lr"] == pytest.approx(rate)
 
 
