@@ -176,7 +176,8 @@ def serve_clients(options: ServeOptions) -> None:
     try:
         listener = socket.create_server(address, backlog=options.clients)
     except OSError as error:
-        raise InputError(f"port={options.port}: {error.strerror}; name another port") from None
+        reason = str(error.strerror).partition(" (")[0]  # without the address, in Python's words
+        raise InputError(f"host={address[0]} port={address[1]}: {reason}; try another") from None
     with listener, ProcessPool(options.clients, "clients") as pool:
         host, port = listener.getsockname()[:2]
         print(f"listening on {host}:{port} for Donkeycar clients; Ctrl-C ends", flush=True)

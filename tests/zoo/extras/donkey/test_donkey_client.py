@@ -1,5 +1,6 @@
 """`drivezoo drive world=donkey`: a network that drives in a Donkeycar simulator."""
 
+import socket
 import subprocess
 from datetime import datetime
 from pathlib import Path
@@ -14,11 +15,14 @@ from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.extras.donkey.donkey_process import donkey_simulator
 from tests.zoo.extras.donkey.donkey_replica import donkey_replica, telemetry
 from tests.zoo.server.test_driver import Bend
+from zoo.base.errors import InputError
 from zoo.base.notices import Notices
 from zoo.base.rig import RIGS
 from zoo.driving.drive_log import read_drive
 from zoo.driving.speed_controller import Constant, SteeringFilter
 from zoo.extras.donkey.donkey_client import DonkeyClient
+from zoo.extras.donkey.donkey_server import serve_clients
+from zoo.extras.donkey.serve_options import ServeOptions
 from zoo.server.drive_writer import BackgroundWriter
 from zoo.server.driver import Driver
 
@@ -74,6 +78,14 @@ def test_a_network_of_curvature_is_refused_in_an_unknown_car(tmp_path: Path) -> 
             eventlet.sleep(0.01)
     assert "data.label=curvature, and the rig of the driven car is unknown" in client.stop()
     assert driver.end(datetime.now()) is None
+
+
+@pytest.mark.parametrize(("host", "reason"), [("192.0.2.1", "Cannot assign"), (None, "in use")])
+def test_an_address_that_cannot_be_listened_on_is_named(host: str | None, reason: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        host, port = host or "127.0.0.1", taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"^host={host} port={port}: .*{reason}.*; try"):
+            serve_clients(ServeOptions(host=host, port=port))
 
 
 def test_two_simulators_at_once_are_refused(tmp_path: Path) -> None:
