@@ -73,7 +73,8 @@ class Tally:
 
         Without a cross-track error from the simulator, nobody knows whether the car is on the
         road. A takeover shows that a person watches the drive; then autonomy is measured from the
-        takeovers. A car that did not move, and needed no intervention, was not measured either.
+        takeovers. A car that did not move, or sent no speed, and needed no intervention, was not
+        measured either.
         """
         if self.unjudged_s and not self.counts[TAKEOVER]:
             return math.nan
@@ -144,5 +145,5 @@ def autonomy_line(figures: dict) -> str:
         return f"autonomy {figures['autonomy']:.1%}: {lost}"
     reason = "this simulator sends no cross-track error, and nobody took over"
     if not figures["mean_speed_mph"] > 0:  # NaN after a single telemetry
-        reason = "the car did not move"
+        reason = "the car did not move, or sent no speed"
     return f"autonomy: not measured ({reason}){f'; {lost}' if count else ''}"

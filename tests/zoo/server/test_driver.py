@@ -17,6 +17,7 @@ from zoo.checkpoints.policy_base import Command, Policy, as_policy
 from zoo.driving.drive_log import SUMMARY_NAME, read_summary
 from zoo.driving.drive_record import FALLBACK
 from zoo.driving.speed_controller import PI, Constant, SpeedController, SteeringFilter
+from zoo.driving.tally import autonomy_line
 from zoo.server.drive_writer import BackgroundWriter
 from zoo.server.driver import SILENCE_S, Driver
 from zoo.server.session import Session
@@ -94,6 +95,16 @@ def test_no_speed_is_held_while_the_cars_is_unknown(make: Make, speed: object) -
     assert driver.notices.counts == {"speed is unknown; no speed is held": 3}
     standing = driver.answer(session, frame(3, speed="0.0000"), 3 / 15)
     assert float(standing.values["throttle"]) == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("speed", [None, "0.0000"])
+def test_a_car_without_a_speed_is_not_said_to_stand(make: Make, speed: object) -> None:
+    driver = make()
+    session = driver.connect("a")
+    for number in range(20):
+        driver.answer(session, frame(number, speed=speed, cte=0.0), number / 10)
+    line = autonomy_line(driver.tally.figures())
+    assert line == "autonomy: not measured (the car did not move, or sent no speed)"
 
 
 def test_a_paused_car_of_unknown_speed_does_not_reverse(make: Make) -> None:
