@@ -28,6 +28,8 @@ from datamodules.recording_edits import (
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import find_breaks, missing_rows
 from tests.recordings import Written, write_recording
+from tests.refusals import refusal
+from tests.unchanged import unchanged
 from zoo.base.errors import InputError, UsageError
 
 ROWS = 40
@@ -43,14 +45,9 @@ def recording(source: Written) -> Recording:
     return read_recordings(str(source.folder))
 
 
-def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
-    files = [path for path in folder.rglob("*") if path.is_file()]
-    return {str(path): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
-
-
 def test_kept_rows_are_as_recorded(recording: Recording, source: Written, tmp_path: Path) -> None:
-    before = contents(source.folder)
-    written = write_edited(recording, drop(Edits(ROWS), (5, 30)), tmp_path / "new")
+    with unchanged(source.folder):
+        written = write_edited(recording, drop(Edits(ROWS), (5, 30)), tmp_path / "new")
     assert (written.folders, written.rows) == ((tmp_path / "new",), (15,))
     again = read_recordings(str(tmp_path / "new"))
     rows = [*range(5), *range(30, 40)]
@@ -60,7 +57,6 @@ def test_kept_rows_are_as_recorded(recording: Recording, source: Written, tmp_pa
         for path, old in zip(new, recording.images[row], strict=True):
             assert Path(path).read_bytes() == Path(old).read_bytes()
     assert np.flatnonzero(find_breaks(again)).tolist() == [4], "the gap is seen as a pause"
-    assert contents(source.folder) == before
 
 
 def test_the_new_folder_needs_no_other(source: Written, tmp_path: Path) -> None:
@@ -179,10 +175,9 @@ def test_a_row_with_a_bad_image_is_left_out(source: Written, tmp_path: Path) -> 
 
 
 def test_an_existing_folder_is_refused(recording: Recording, source: Written) -> None:
-    before = contents(source.folder)
-    with pytest.raises(InputError, match=r"exists already; name another"):
-        write_edited(recording, Edits(ROWS), source.folder)
-    assert contents(source.folder) == before
+    with unchanged(source.folder):
+        words = refusal(write_edited, recording, Edits(ROWS), source.folder)
+    assert "exists already; name another" in words
 
 
 def test_a_failure_leaves_nothing(
@@ -233,8 +228,7 @@ def test_splitting_begins_a_part_and_merging_joins_it_again() -> None:
 @pytest.mark.parametrize("stretch", [(3, 3), (4, 2), (-1, 2), (8, 11)])
 def test_a_stretch_outside_of_the_recording_is_refused(stretch: tuple[int, int]) -> None:
     for edit in (drop, restore, trim, mirror, merge):
-        with pytest.raises(UsageError, match=r"1\.\.10"):
-            edit(TEN, stretch)
+        assert "1..10" in refusal(edit, TEN, stretch)
 
 
 @pytest.mark.parametrize("row", [0, 10, -1])

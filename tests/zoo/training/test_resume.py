@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from datamodules.balance import BalancedBatches, BatchKey
 from tests.recordings import Written, write_recording
+from tests.unchanged import unchanged
 from tests.zoo.command_runs import Zoo, only_line, run, run_here, start, succeed
 from tests.zoo.sweeps import change_status, status
 from tests.zoo.trainings import SMALL, data_of, equal, metrics, weights
@@ -25,10 +26,6 @@ from zoo.scoring.evidence import training_command
 
 INTERRUPT = "tests.zoo.spoil.Interrupt"
 Train = Callable[..., str]  # of the fixture
-
-
-def times(folder: Path) -> dict[str, int]:
-    return {str(path): path.stat().st_mtime_ns for path in [folder, *folder.rglob("*")]}
 
 
 @pytest.fixture(scope="module")
@@ -47,16 +44,13 @@ def two_epochs(trained: Path, tmp_path: Path) -> Path:
 
 
 def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
-    before = times(two_epochs)
     for overrides in ([], ["trainer.max_epochs=2"]):
-        result = zoo(f"resume={two_epochs}", *overrides)
-        printed = succeed(result)
-        assert "after 2 epochs" in printed
-        assert str(two_epochs / "checkpoints" / "best.ckpt") in printed
-        assert str(two_epochs / "report" / "index.html") in printed
-        assert f"resume={two_epochs} trainer.max_epochs=4" in printed
+        with unchanged(two_epochs):
+            result = zoo(f"resume={two_epochs}", *overrides)
+        files = (str(two_epochs / name) for name in ("checkpoints/best.ckpt", "report/index.html"))
+        for words in ("after 2 epochs", *files, f"resume={two_epochs} trainer.max_epochs=4"):
+            assert words in succeed(result)
         assert result.stderr == ""
-    assert times(two_epochs) == before
 
 
 @pytest.mark.parametrize(
@@ -70,9 +64,8 @@ def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
     ],
 )
 def test_a_wrong_override_is_named(override: str, text: str, two_epochs: Path, zoo: Zoo) -> None:
-    before = times(two_epochs)
-    assert text in only_line(zoo(f"resume={two_epochs}", *override.split()), 2)
-    assert times(two_epochs) == before
+    with unchanged(two_epochs):
+        assert text in only_line(zoo(f"resume={two_epochs}", *override.split()), 2)
 
 
 STOPPING = "lightning.pytorch.callbacks.EarlyStopping"
@@ -187,13 +180,12 @@ FORBIDDEN = {
 def test_a_key_that_the_finished_epochs_forbid_is_refused(
     key: str, two_epochs: Path, zoo: Zoo
 ) -> None:
-    before = times(two_epochs)
     words = f"{key}={FORBIDDEN[key]}".split()
-    line = only_line(zoo("resume=run", "trainer.max_epochs=13", *words), 2)
+    with unchanged(two_epochs):  # or the config says what was not trained
+        line = only_line(zoo("resume=run", "trainer.max_epochs=13", *words), 2)
     name = {"quick_samples": "data.samples_per_epoch"}.get(key, key.lstrip("+"))
     assert f": {name}" in line
     assert "model.weights=run/checkpoints/last.ckpt" in line
-    assert times(two_epochs) == before, "the config says what was not trained"
 
 
 def test_keys_that_change_no_finished_epoch_are_obeyed(
@@ -281,10 +273,9 @@ EARLY = (*EARLY, "data.samples_per_epoch=64", f"{PATIENCE}=2")
 def test_more_epochs_after_early_stopping_need_more_patience(
     words: str, early: Path, zoo: Zoo
 ) -> None:
-    before = times(early)
-    line = only_line(zoo("resume=run", "trainer.max_epochs=60", *words.split()), 2)
+    with unchanged(early):
+        line = only_line(zoo("resume=run", "trainer.max_epochs=60", *words.split()), 2)
     assert f"add {PATIENCE}=NUMBER, above 2, or callbacks.early_stopping=null" in line
-    assert times(early) == before
     only_line(zoo("resume=run", f"{PATIENCE}=1"), 2)
 
 
@@ -333,11 +324,10 @@ def test_a_finished_run_without_its_last_checkpoint_does_not_begin_again(
     two_epochs: Path, zoo: Zoo
 ) -> None:
     (two_epochs / "checkpoints" / "last.ckpt").unlink()
-    before = times(two_epochs)
-    line = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
+    with unchanged(two_epochs):
+        line = only_line(zoo("resume=run", "trainer.max_epochs=3"), 1)
     assert "last.ckpt" in line
     assert "model.weights=run/checkpoints/best.ckpt" in line
-    assert times(two_epochs) == before
 
 
 def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
@@ -425,12 +415,10 @@ def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
 def test_a_new_run_does_not_replace_another(trace: str, zoo: Zoo, tmp_path: Path) -> None:
     folder = tmp_path / "my run=1"
     (folder / trace).mkdir(parents=True)
-    before = times(folder)
-    line = only_line(zoo("model=tiny", f"hydra.run.dir={folder}"), 1)
-    assert str(folder) in line
-    assert "resume=" in line
-    assert "hydra.run.dir=FOLDER" in line
-    assert times(folder) == before
+    with unchanged(folder):
+        line = only_line(zoo("model=tiny", f"hydra.run.dir={folder}"), 1)
+    for words in (str(folder), "resume=", "hydra.run.dir=FOLDER"):
+        assert words in line
 
 
 def test_a_folder_without_a_run_takes_one(train: Train, tmp_path: Path) -> None:
@@ -478,9 +466,8 @@ def test_a_name_that_no_run_can_have_is_refused(
     zoo: Zoo, typed: str, name: str, tmp_path: Path
 ) -> None:
     line = only_line(zoo(f"hydra.run.dir={typed}"), 1)
-    assert f"{tmp_path / name}: " in line
-    assert "cannot write" in line
-    assert "hydra.run.dir=FOLDER" in line
+    for words in (f"{tmp_path / name}: ", "cannot write", "hydra.run.dir=FOLDER"):
+        assert words in line
     assert list(tmp_path.iterdir()) == []
 
 
@@ -536,10 +523,9 @@ def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
     keys = (*data_of(recorded), *limit, f"{SPOIL}.epoch=2", "trainer.max_epochs=4")
     line = only_line(zoo(*SMALL, *keys, "hydra.run.dir=run"), 1)
     checkpoints = tmp_path / "run" / "checkpoints"
-    assert f"{checkpoints}/" in line
-    assert "File too large" in line
-    assert f"{checkpoints / 'last.ckpt'} is kept" in line
-    assert f"resume={tmp_path / 'run'}" in line
+    kept, resume = f"{checkpoints / 'last.ckpt'} is kept", f"resume={tmp_path / 'run'}"
+    for words in (f"{checkpoints}/", "File too large", kept, resume):
+        assert words in line
     assert {path.name for path in checkpoints.iterdir()} == {"best.ckpt", "last.ckpt"}
     assert load_checkpoint(checkpoints / "last.ckpt").network is not None
     assert status(tmp_path / "run") == "failed"
