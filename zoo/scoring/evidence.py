@@ -316,7 +316,7 @@ def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     is_small = evidence.metrics["parameters"] < SMALL
     if is_small or samples >= ENOUGH_SAMPLES or evidence.at("quick"):
         return None
-    changes = {"trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
+    changes = {"quick": None, "trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
     if not any(override.startswith("callbacks=") for override in evidence.overrides or ()):
         changes["callbacks"] = "published"  # without early stopping
     return Cause(

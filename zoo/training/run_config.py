@@ -44,6 +44,8 @@ def settle_config(config: DictConfig, console: Console) -> DictConfig:
 def with_quick(config: DictConfig) -> DictConfig:
     """Return a config whose epochs and samples are capped if `quick=true`.
 
+    Its `quick` is false if the training is not longer without it, as that of `first_try`.
+
     Raises:
         InputError: `quick` is not true or false, or `quick_samples` not a whole number above 0.
     """
@@ -55,14 +57,14 @@ def with_quick(config: DictConfig) -> DictConfig:
     if not config.quick:
         return config
     config = config.copy()
+    config.quick = False
     for node, key, most in (
         (config.trainer, "max_epochs", QUICK_EPOCHS),
         (config.data, "samples_per_epoch", samples),
     ):
-        if node[key] is None:
-            node[key] = most
-        elif isinstance(node[key], int | float):  # anything else is refused later
-            node[key] = min(node[key], most)
+        # Anything else is refused later.
+        if node[key] is None or (isinstance(node[key], int | float) and node[key] > most):
+            node[key], config.quick = most, True
     return config
 
 

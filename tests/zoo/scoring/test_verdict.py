@@ -191,7 +191,7 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
             "data.cameras=[center,left,right]",
         ),
         (
-            evidence({}, (), train_samples=9_600, parameters=250_000, epochs=3),
+            evidence({}, ("quick=true",), train_samples=9_600, parameters=250_000, epochs=3),
             "9,600 samples",
             "trainer.max_epochs=16",
         ),
@@ -209,6 +209,7 @@ def test_a_likely_cause_is_named_with_a_remedy(facts: Evidence, cause: str, type
     commands = words_of(verdict)
     assert commands[0][:2] == ["drivezoo", "train"]
     assert typed in commands[0]
+    assert "quick=true" not in commands[0]
     if place_of("correct"):  # an extra's
         assert commands[-1][:3] == ["drivezoo", "correct", facts.checkpoint]
 

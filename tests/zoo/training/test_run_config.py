@@ -146,6 +146,14 @@ def test_explicit_keys_win_where_they_are_smaller():
     assert quick("quick_samples=3200") == (3, 3_200)
 
 
+@pytest.mark.parametrize(
+    ("recipe", "is_shorter"), [("first_try", False), ("lenet", True), ("pilotnet", True)]
+)
+def test_a_training_that_quick_does_not_shorten_is_not_called_quick(recipe, is_shorter):
+    typed = OmegaConf.create(compose_config([f"experiment={recipe}", "quick=true"]))
+    assert with_quick(typed).quick == is_shorter
+
+
 @pytest.mark.parametrize("value", ["0", "null", "many"])
 def test_a_number_of_samples_that_cannot_be_is_refused(value):
     with pytest.raises(InputError, match=f"quick_samples={value.replace('null', 'None')} is not"):
