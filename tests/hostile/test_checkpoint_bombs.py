@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -22,6 +23,7 @@ from tests.hostile.crafted_files import (
     shared_tuples_as_key,
     with_pickle,
 )
+from tests.refusals import refusal
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import only_line, run
 from tests.zoo.written_checkpoints import write_constant
@@ -80,8 +82,7 @@ def test_a_crafted_pickle_of_an_old_torch_file_is_refused(pickle: bytes, tmp_pat
     torch.save({}, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
     whole = (tmp_path / "old.pth").read_bytes()
     (tmp_path / "old.pth").write_bytes(whole[: whole.index(b"}q\x00.")] + pickle)
-    with pytest.raises(InputError, match=r"old\.pth: "):
-        load_plain(tmp_path / "old.pth")
+    assert "old.pth: " in refusal(load_plain, tmp_path / "old.pth")
 
 
 def test_an_old_torch_file_is_read(tmp_path: Path) -> None:
@@ -114,8 +115,7 @@ def test_an_archives_long_list_of_members_is_not_read(tmp_path: Path) -> None:
     at = data.rindex(b"PK\5\6") + 12
     data[at : at + 4] = (4_000_001).to_bytes(4, "little")
     (tmp_path / "x.ckpt").write_bytes(data)
-    with pytest.raises(InputError, match=r"x\.ckpt: has 4,000,001 bytes of an index"):
-        load_plain(tmp_path / "x.ckpt")
+    assert "x.ckpt: has 4,000,001 bytes of an index" in refusal(load_plain, tmp_path / "x.ckpt")
 
 
 def test_tensors_that_repeat_one_number_count_whole(path: Path) -> None:
@@ -140,11 +140,8 @@ def test_an_odd_format_is_one_short_line(value: object, path: Path) -> None:
     contents = contents_of(path)
     contents["drivezoo"]["format"] = value
     torch.save(contents, path)
-    with pytest.raises(
-        InputError, match=r"x\.ckpt: has format version .{1,40}, this drivezoo reads 1"
-    ) as error:
-        load_checkpoint(path)
-    assert "\n" not in str(error.value)
+    line = refusal(load_checkpoint, path)
+    assert re.search(r"x\.ckpt: has format version .{1,40}, this drivezoo reads 1", line)
 
 
 def swapping(monkeypatch: pytest.MonkeyPatch, module: object, name: str, path: Path) -> None:
@@ -159,17 +156,14 @@ def swapping(monkeypatch: pytest.MonkeyPatch, module: object, name: str, path: P
 
 
 @pytest.mark.parametrize("other", ["checkpoint", "code", "pipe"])
-def test_a_checkpoint_is_as_checked(
-    other: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_as_checked(other: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "x.ckpt"
     torch.save({"a": 1}, path)
     if other == "pipe":
         os.mkfifo(tmp_path / "other")
     else:
-        torch.save(
-            {"a": 2} if other == "checkpoint" else Bomb(tmp_path / "ran"), path.with_name("other")
-        )
+        contents = {"a": 2} if other == "checkpoint" else Bomb(tmp_path / "ran")
+        torch.save(contents, path.with_name("other"))
     swapping(monkeypatch, zipfile, "is_zipfile", path)
     assert load_plain(path) == {"a": 1}
     assert not (tmp_path / "ran").exists()
@@ -181,9 +175,8 @@ def adding(number: float, outside: str | None = None) -> bytes:
     if outside:
         onnx.external_data_helper.set_external_data(weights, outside, offset=0, length=1600)
         weights.ClearField("raw_data")
-    x, y = (
-        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [400]) for name in "xy"
-    )
+    make_value = onnx.helper.make_tensor_value_info
+    x, y = (make_value(name, onnx.TensorProto.FLOAT, [400]) for name in "xy")
     node = onnx.helper.make_node("Add", ["x", "w"], ["y"])
     graph = onnx.helper.make_graph([node], "graph", [x], [y], [weights])
     opset = onnx.helper.make_opsetid("", 17)
@@ -209,8 +202,7 @@ def test_weights_in_another_file_are_not_read(other: str, here: Path) -> None:
         (folder / "w.bin").write_bytes(np.ones(400, np.float32).tobytes())
     path = here / "models" / "x.onnx"
     path.write_bytes(adding(1.0, other.replace("/ABSOLUTE", str(here))))
-    with pytest.raises(InputError, match=r"x\.onnx: has weights in another file"):
-        open_session(path, 1)
+    assert "x.onnx: has weights in another file" in refusal(open_session, path, 1)
 
 
 def test_a_file_in_onnxruntimes_own_format_is_refused(tmp_path: Path) -> None:
@@ -220,8 +212,7 @@ def test_a_file_in_onnxruntimes_own_format_is_refused(tmp_path: Path) -> None:
     onnxruntime.InferenceSession(adding(1.0), options, providers=["CPUExecutionProvider"])
     path = (tmp_path / "x.ort").rename(tmp_path / "x.onnx")
     assert b"ORTM" in path.read_bytes()[:16]
-    with pytest.raises(InputError, match=r"x\.onnx: is damaged"):
-        open_session(path, 1)
+    assert "x.onnx: is damaged" in refusal(open_session, path, 1)
 
 
 def test_weights_elsewhere_are_found_in_any_spelling_of_their_bytes() -> None:
