@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from tests.refusals import refusal
 from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
@@ -150,8 +151,7 @@ def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
         path.write_text('"' + "x" * (limit - 2) + '"')
         assert len(read(path)) == limit - 2
         path.write_text('"' + "x" * (limit - 1) + '"')
-        with pytest.raises(InputError, match=f"{limit:,}"):
-            read(path)
+        assert f"{limit:,}" in refusal(read, path)
 
 
 def test_an_anchor_without_an_alias_is_read(tmp_path: Path) -> None:
@@ -275,8 +275,7 @@ def test_a_damaged_card_of_a_checkpoint_is_named(name: str, tmp_path: Path) -> N
         inner = inner[key]
     inner[keys[-1]] = value
     torch.save(contents, path)
-    with pytest.raises(InputError, match=rf"x\.ckpt: drivezoo: {words}"):
-        load_checkpoint(path)
+    assert f"x.ckpt: drivezoo: {words}" in refusal(load_checkpoint, path)
 
 
 def test_curves_in_files_of_other_names_are_ignored(tmp_path: Path) -> None:
