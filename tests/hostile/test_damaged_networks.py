@@ -98,9 +98,8 @@ def mutated_graphs(draw: st.DrawFn, model: onnx.ModelProto) -> bytes:
         if how == "type":
             value.elem_type = draw(st.integers(0, 20))
         elif value.shape.dim:
-            draw(st.sampled_from(list(value.shape.dim))).dim_value = draw(
-                st.sampled_from((0, -1, 1, 3, 2**40))
-            )
+            size = draw(st.sampled_from((0, -1, 1, 3, 2**40)))
+            draw(st.sampled_from(list(value.shape.dim))).dim_value = size
     elif how == "card":
         (entry,) = [prop for prop in proto.metadata_props if prop.key == CARD]
         entry.value = draw(mutated_json(json.loads(entry.value))).decode("utf-8", "ignore")
