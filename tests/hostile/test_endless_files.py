@@ -1,7 +1,6 @@
 """Files without an end, or far too large, in place of those that are read."""
 
 import os
-import re
 import socket
 import struct
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from datamodules.split import split_rows
 from datamodules.view import View
 from datamodules.view_store import decode_all
 from tests.recordings import Written, recording_in_memory, write_recording
+from tests.refusals import refusal
 from tests.zoo.command_runs import only_line, run, run_here
 from tests.zoo.server.scans import SCANS, many_scans, png_claim
 from tests.zoo.trainings import SMALL
@@ -111,8 +111,7 @@ def test_only_regular_files_are_read(kind: str, name: str, tmp_path: Path) -> No
     file, read = READERS[kind]
     make, _ = ENDLESS.get(name, (lambda path: path.symlink_to(KERNEL), ""))
     make(tmp_path / file)
-    with pytest.raises(InputError, match=re.escape(str(tmp_path))):
-        read(tmp_path / file)
+    assert str(tmp_path) in refusal(read, tmp_path / file)
 
 
 def test_a_log_beyond_its_limit_is_refused_unread(tmp_path: Path) -> None:
@@ -188,9 +187,8 @@ def test_a_scan_bomb_is_named_with_its_row(module: str, replaced: Written, tmp_p
         result = run_here(tmp_path, str(replaced.folder), module=module)
         assert result.returncode == 1
         (line,) = [text for text in result.stdout.splitlines() if "scans" in text]
-    assert f"{replaced.log}, row 8: " in line
-    assert image.name in line
-    assert "10,796 scans" in line
+    for text in (f"{replaced.log}, row 8: ", image.name, "10,796 scans"):
+        assert text in line
 
 
 def test_an_image_at_the_limit_is_decoded() -> None:
