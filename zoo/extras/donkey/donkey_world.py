@@ -223,7 +223,7 @@ class DonkeyWorld(World):
             steering=self._optional("steering_angle", MOST_STEERING),
             cross_track_m=self._optional("cte"),
             lap=lap,
-            contact=self._telemetry.get("hit", "none") != "none",
+            contact=(self._telemetry.get("hit") or "none") != "none",
             xy=None if x is None or y is None else (x, y),
             share=min((lap + along) / self._laps, 1.0),
             done=lap >= self._laps or time_s >= self._laps * LONGEST_LAP_S,

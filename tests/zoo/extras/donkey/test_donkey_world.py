@@ -57,6 +57,12 @@ def test_numbers_may_have_a_decimal_comma() -> None:
     assert 0 < states[-2].share < states[-1].share < 0.2
 
 
+@pytest.mark.parametrize(("hit", "contact"), [(None, False), ("", False), ("Cone", True)])
+def test_only_what_is_hit_is_a_contact(hit: str | None, contact: bool) -> None:
+    with donkey_replica(lambda number, message: message | {"hit": hit}) as (address, _):
+        assert {state.contact for state in step_through(address)} == {contact}
+
+
 def test_a_negative_throttle_brakes_and_a_car_that_is_left_stands() -> None:
     with donkey_replica(lambda number, message: message) as (address, received):
         step_through(address)
