@@ -342,7 +342,7 @@ def how_well(figures: dict) -> str:
     lost = with_deviation(figures["interventions"], "{:.3g}", count)
     kept = f"{figures['drives_without_intervention']} of {count}"
     return (
-        f"autonomy {autonomy}, {lost} interventions, drives without intervention {kept}, "
+        f"autonomy {autonomy}, interventions {lost}, drives without intervention {kept}, "
         f"cross-track error {with_deviation(figures['cte_mean_m'], '{:.2f}', count)} m on average, "
         f"maximum {with_deviation(figures['cte_max_m'], '{:.2f}', count)} m"
     )

@@ -46,6 +46,12 @@ def test_the_maxima_of_several_drives_are_shown_as_a_mean_with_its_deviation() -
     assert words.endswith("maximum 2.00 ± 1.41 (n = 2) m")
 
 
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_the_words_on_a_single_drive_fit_any_number_of_interventions(lost: int) -> None:
+    drive = {"autonomy": 0.9, "interventions": lost, "cte_mean_m": 0.5, "cte_max_m": 3.0}
+    assert f", interventions {lost}, " in track_scores.how_well(mean_and_spread([drive]))
+
+
 @pytest.mark.slow
 def test_figures_do_not_depend_on_the_number_of_workers(checkpoint: str, tmp_path: Path) -> None:
     options = ("laps=0.01", "seeds=2", "speed=25", "weather=random", "quality=simple")
