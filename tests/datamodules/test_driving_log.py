@@ -234,9 +234,8 @@ def test_header_that_names_a_column_twice_is_refused(tmp_path, name):
     names = HEADER.split(",")
     names[1] = name
     message = refusal(read_text, tmp_path, f"{','.join(names)}\n{PATHS},0,0,0,1\n")
-    assert f"{tmp_path}/driving_log.csv, row 1: " in message
-    assert f" {name} 2 times" in message
-    assert HEADER in message
+    for words in (f"{tmp_path}/driving_log.csv, row 1: ", f" {name} 2 times", HEADER):
+        assert words in message
 
 
 def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path):
@@ -244,9 +243,8 @@ def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path
     inside = f"{PATHS},0,0,0,1\n" * 7 + f'{CENTER},{LEFT},"{RIGHT},0,0,0,1\n'
     inside += f"{PATHS},0,0,0,1\n" * 11 + f'x",0,0,0,1\n{PATHS},0,0,0,1\n'
     message = refusal(read_text, tmp_path, inside)
-    assert "row 8: a quote opens here" in message
-    assert "row 20" in message
-    assert "delete the row" in message
+    for words in ("row 8: a quote opens here", "row 20", "delete the row"):
+        assert words in message
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
