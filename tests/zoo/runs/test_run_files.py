@@ -21,13 +21,6 @@ from zoo.runs.status import is_alive, read_status, run_status
 from zoo.scoring.write_up import write_report
 
 
-def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
-    for name in RANKS:
-        monkeypatch.delenv(name, raising=False)
-    for name, value in ranks.items():
-        monkeypatch.setenv(name, str(value))
-
-
 @pytest.mark.parametrize(
     ("ranks", "first"),
     [
@@ -49,7 +42,10 @@ def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
 def test_the_first_process_is_recognized_by_its_environment(
     ranks: dict, first: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    started_by(monkeypatch, **ranks)
+    for name in RANKS:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in ranks.items():
+        monkeypatch.setenv(name, str(value))
     assert is_first_process() is first
     assert is_first_process(several=False), "on one device, each process is its own run"
 
