@@ -10,14 +10,14 @@ import torch
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run, run_here, succeed
 from tests.zoo.models.test_models_command import build
 from tests.zoo.trainings import data_of, equal, metrics, module_of
+from tests.zoo.written_checkpoints import write_constant
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
-from zoo.models.make_network import make_network
+from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.training.build import build_trainer, load_data
 from zoo.training.closed_loop import ClosedLoop
 
@@ -184,11 +184,8 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
             begun.append(callback.world.simulated.place.distance)
 
     callback.world.simulated.step = step_and_note
-    view = View([60, 40], "hsv_s", [1, 14])
-    network = make_network({"_target_": "zoo.models.linear.Linear"}, view)
-    torch.nn.init.zeros_(network.head.weight)
-    torch.nn.init.zeros_(network.head.bias)
-    assert callback.drive(network, view, {})["interventions"] == 0
+    straight = load_checkpoint(write_constant(tmp_path / "straight.ckpt", steering=0.0))
+    assert callback.drive(straight.network, straight.view, {})["interventions"] == 0
     assert begun == pytest.approx([0, 10, 20], abs=1)
     callback.world.close()
 
