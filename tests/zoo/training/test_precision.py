@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.training.test_sweep_command import SMALL
-from tests.zoo.trainings import data_of, equal, metrics, train_here
+from tests.zoo.trainings import data_of, equal, metrics, train_here, weights
 from zoo.base.compose import compose_config
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.commands.rerun import _report
@@ -22,6 +23,7 @@ from zoo.models.make_network import make_network, view_of
 from zoo.training import host_settings, precision
 
 CPU = "trainer.accelerator=cpu"
+SHORT = (CPU, "data.samples_per_epoch=48", "trainer.max_epochs=1")
 
 
 def network_of(*overrides: str) -> tuple[DictConfig, nn.Module, View]:
@@ -79,14 +81,12 @@ def saved(folder: Path) -> str:
 
 
 def test_the_choice_stands_in_every_file_and_is_kept(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    train: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = (*SMALL, *data_of(recorded), "data.samples_per_epoch=48", CPU)
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: True)
     monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1)
     folder = tmp_path / "run"
-    run_dir = f"hydra.run.dir={folder}"
-    printed = succeed(run_here(tmp_path, *words, "trainer.max_epochs=1", run_dir))
+    printed = train(*SHORT)
     assert "trainer.precision=auto: bf16-mixed" in printed
     assert "plan: bf16-mixed on cpu" in printed
     card = read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["drivezoo"]
@@ -107,31 +107,26 @@ def test_the_first_machine_of_a_sweep_chooses_for_the_others(
     monkeypatch.setattr(precision, "LEAST_OPERATIONS", 1)
     monkeypatch.setattr(precision, "multiplies_bf16", lambda: False)
     monkeypatch.setattr("zoo.training.sweep_record.multiplies_bf16", lambda: True)
-    words = (*SMALL, *data_of(recorded), "data.samples_per_epoch=48", CPU)
-    words += ("trainer.max_epochs=1", "seed=1,2", "hydra.sweep.dir=sweep")
+    words = (*SMALL, *data_of(recorded), *SHORT, "seed=1,2", "hydra.sweep.dir=sweep")
     succeed(run_here(tmp_path, "-m", *words))
     assert [saved(tmp_path / "sweep" / name) for name in "01"] == 2 * ["bf16-mixed"]
 
 
 @pytest.mark.slow
 def test_load_changes_no_weight(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    train: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(precision, "multiplies_bf16", host_settings.multiplies_bf16)
-    words = (*SMALL, *data_of(recorded), "model=lenet", "data.samples_per_epoch=48", CPU)
-    weights = []
     for name, busy in (("idle", 0), ("busy", 2)):
         code = [sys.executable, "-c", "while True: pass"]
         others = [subprocess.Popen(code) for _ in range(busy)]
-        folder = tmp_path / name
         try:
-            succeed(run_here(tmp_path, *words, "trainer.max_epochs=1", f"hydra.run.dir={folder}"))
+            train(*SHORT, "model=lenet", f"hydra.run.dir={name}")
         finally:
             for other in others:
                 other.kill()
                 other.wait()
-        weights.append(read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["state_dict"])
-    assert equal(*weights)
+    assert equal(weights(tmp_path / "idle"), weights(tmp_path / "busy"))
 
 
 @pytest.mark.parametrize(("algorithm", "order"), [("norm", 2), ("value", torch.inf)])
@@ -145,8 +140,7 @@ def test_it_clips_the_gradients_of_a_fused_optimizer(
     ends = []
     for rate in (1e-12, 1.0):
         module, _ = train_here(recorded, tmp_path, CPU, *words, f"optim.lr={rate}")
-        weights = [weight.detach().flatten() for weight in module.network.parameters()]
-        ends.append(torch.cat(weights))
+        ends.append(torch.cat([w.detach().flatten() for w in module.network.parameters()]))
     assert float(torch.dist(*ends, order)) == pytest.approx(0.0001, rel=0.02)
 
 
