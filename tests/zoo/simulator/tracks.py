@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 import yaml
 
-from zoo.base.errors import InputError
+from tests import refusals
 from zoo.simulator.track import Track
 from zoo.simulator.track_content import make_track
 from zoo.simulator.track_file import read_track
@@ -48,8 +47,6 @@ def write_track(folder: Path, rows: str | None = None, **content) -> str:
 
 def refusal(path: str) -> str:
     """Return the one line, which begins with the path, of a track that is refused."""
-    with pytest.raises(InputError) as error:
-        read_track(path)
-    assert "\n" not in str(error.value)
-    assert str(error.value).startswith(f"{path}: ")
-    return str(error.value)
+    line = refusals.refusal(read_track, path)
+    assert line.startswith(f"{path}: ")
+    return line
