@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.refusals import refusal
 from zoo.base.errors import InputError
 from zoo.base.video import Film
 
@@ -56,9 +56,8 @@ def test_colours_are_rgb_and_an_odd_row_and_column_are_cut_off(tmp_path: Path, c
 
 def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
     path = tmp_path / "lap.mp4"
-    words = re.escape(f"{path}: a frame is 320 x 80, the film is 320 x 160")
-    with pytest.raises(InputError, match=words):
-        write(path, grey(0), grey(10), grey(20, height=80))
+    words = f"{path}: a frame is 320 x 80, the film is 320 x 160"
+    assert words in refusal(write, path, grey(0), grey(10), grey(20, height=80))
 
 
 def test_a_film_that_fails_leaves_the_one_before(tmp_path: Path) -> None:
@@ -85,8 +84,7 @@ def test_a_film_without_a_frame_leaves_no_file(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "films").write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
-        Film(tmp_path / "films" / "lap.mp4", fps=20)
+    assert "cannot be written" in refusal(Film, tmp_path / "films" / "lap.mp4", fps=20)
 
 
 @pytest.mark.parametrize(
@@ -113,9 +111,7 @@ def test_an_ffmpeg_that_is_killed_is_named(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_an_ffmpeg_that_ends_is_named_on_windows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_dead_ffmpeg_is_named_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Writing to a broken pipe is EINVAL there."""
     film = Film(tmp_path / "lap.mp4", 20)
     film.add(grey(0))
