@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import zoo.simulator  # noqa: F401 - registers Lake-v0
+from tests.refusals import refusal
 from tests.slow_members import slow_but
 from tests.zoo.simulator.tracks import LOOP, write_track
 from zoo.base.errors import InputError
@@ -300,15 +301,11 @@ def test_it_renders_what_was_last_seen(opened):
         ({"width": 4}, "width=4: must be 8 to 1024"),
         ({"vertical_fov_deg": 0}, "vertical_fov_deg=0: must be 1 to 170"),
         ({"reward": "donkey"}, "reward=donkey: did you mean donkeycar"),
-        (
-            {"termination": "lap"},
-            "termination=lap: available: off_road, donkeycar, carracing, a function",
-        ),
+        ({"termination": "lap"}, "termination=lap: available: off_road, donkeycar, carracing"),
     ],
 )
 def test_a_wrong_argument_is_refused(argument, message):
-    with pytest.raises(InputError, match=message):
-        DrivingEnv(**argument)
+    assert message in refusal(DrivingEnv, **argument)
 
 
 @pytest.mark.parametrize(
@@ -321,16 +318,14 @@ def test_a_wrong_argument_is_refused(argument, message):
     ],
 )
 def test_a_wrong_option_of_reset_is_refused(opened, option, message):
-    with pytest.raises(InputError, match=message):
-        opened().reset(options=option)
+    assert message in refusal(opened().reset, options=option)
 
 
 @pytest.mark.parametrize("action", [[np.nan, 0], [0.1], [0, np.inf]])
 def test_an_action_is_two_finite_numbers(opened, action):
     env = opened()
     env.reset(seed=0)
-    with pytest.raises(InputError, match="must be two finite numbers"):
-        env.step(action)
+    assert "must be two finite numbers" in refusal(env.step, action)
 
 
 SETTINGS = {"renderer": "software", "weather": "random", "random_start": True, "cameras": "all"}
