@@ -26,8 +26,7 @@ from zoo.base.conf_files import trainer_arguments
 @pytest.mark.parametrize("path", sorted(conf_folder().rglob("*.yaml")), ids=lambda path: path.stem)
 def test_every_yaml_opens_with_a_command(path: Path) -> None:
     opening = path.read_text().splitlines()[:2]
-    commands = ("drivezoo train", "drivezoo ")
-    assert any(line.startswith("#") and any(c in line for c in commands) for line in opening)
+    assert any(line.startswith("#") and "drivezoo " in line for line in opening)
 
 
 @pytest.mark.parametrize(
@@ -127,10 +126,8 @@ def test_a_sweep_splits_aliases_and_odd_paths_at_commas(typed: str, meant: str) 
 
 
 def test_the_trainers_keys_are_those_of_the_installed_lightning() -> None:
-    ours = set(compose_config([])["trainer"]) & (
-        wanted := set(inspect.signature(lightning.Trainer).parameters)
-    )
-    assert set(trainer_arguments()) == wanted - ours
+    wanted = set(inspect.signature(lightning.Trainer).parameters)
+    assert set(trainer_arguments()) == wanted - set(compose_config([])["trainer"])
 
 
 def test_a_file_in_place_of_the_runs_folder_gets_one_line(tmp_path: Path) -> None:
@@ -215,9 +212,8 @@ def test_single_callbacks_are_added_and_switched_off() -> None:
     callbacks = compose_config(hydra_overrides([*typed, "callbacks.progress=null"]))["callbacks"]
     assert set(callbacks) >= {"best", "last", "mine", "early_stopping"}
     assert callbacks["progress"] is None
-    again = hydra_overrides(
-        ["+callbacks.progress._target_=zoo.training.training_progress.TrainingProgress"]
-    )
+    target = "zoo.training.training_progress.TrainingProgress"
+    again = hydra_overrides([f"+callbacks.progress._target_={target}"])
     assert "progress" in compose_config(again)["callbacks"]
 
 
