@@ -314,22 +314,18 @@ def test_an_unclear_lambda_is_asked_for_by_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("version", "name"), [(2, "hard_sigmoid"), (3, "hard_sigmoid_3")])
-def test_a_lambdas_hard_sigmoid_is_that_of_its_keras(
-    version: int, name: str, tmp_path: Path
-) -> None:
+def test_a_lambdas_hard_sigmoid_is_of_its_keras(version: int, name: str, tmp_path: Path) -> None:
     function: Layer = ("Lambda", lambda_config(lambda x: K.hard_sigmoid(x)), [])
     converted = convert(read(tmp_path, [SCALE, CONV, function, *REST[1:]], version=version))
     assert converted.layers[1] == {"layer": "Activation", "activation": name}
-    wanted = keras_reference.ACTIVATIONS[name](expected([CONV]))
-    np.testing.assert_allclose(
-        predict(converted), keras_reference.predict(wanted, REST[1:]), atol=1e-5
-    )
+    activated = keras_reference.ACTIVATIONS[name](expected([CONV]))
+    wanted = keras_reference.predict(activated, REST[1:])
+    np.testing.assert_allclose(predict(converted), wanted, atol=1e-5)
 
 
 def test_words_are_used_in_order(tmp_path: Path) -> None:
     layers = [SCALE, CONV, UNCLEAR, *REST[1:], UNCLEAR]
-    with pytest.raises(InputError, match=r"layer 3 of 7, lambda_2"):
-        convert(read(tmp_path, layers), scale=[1, 0])
+    assert "layer 3 of 7, lambda_2" in refusal(convert, read(tmp_path, layers), scale=[1, 0])
     converted = convert(read(tmp_path, layers), lambdas=["tanh", "atan:2"])
     wanted = 2 * np.arctan(keras_reference.predict(np.tanh(expected([CONV])), REST[1:]))
     np.testing.assert_allclose(predict(converted), wanted, atol=1e-5)
@@ -432,8 +428,7 @@ def test_theanos_same_padding_is_its_own(tmp_path: Path) -> None:
 def test_an_input_without_a_size_is_asked_for(tmp_path: Path) -> None:
     for shape in (None, (None, None, 3)):
         model = read(tmp_path, [SCALE, *REST], shape=shape)
-        with pytest.raises(InputError, match=r"size=\[66,200\]"):
-            convert(model)
+        assert "size=[66,200]" in refusal(convert, model)
         converted = convert(model, size=INPUT[:2])
         np.testing.assert_allclose(predict(converted), expected(REST), atol=1e-5)
         with pytest.raises(InputError, match=r"layer 5 of 5, dense_1 .*: its kernel is 504 x 1"):
@@ -443,16 +438,14 @@ def test_an_input_without_a_size_is_asked_for(tmp_path: Path) -> None:
 def test_two_outputs_are_asked_for(tmp_path: Path) -> None:
     layers = [SCALE, *REST[:3], ("Dense", {"units": 2}, W((504, 2), (2,)))]
     model = read(tmp_path, layers)
-    with pytest.raises(InputError, match=r"outputs=\[steering,throttle\]"):
-        convert(model)
+    assert "outputs=[steering,throttle]" in refusal(convert, model)
     wanted = expected(layers[1:])
     both = convert(model, outputs=["throttle", "steering"])
     np.testing.assert_allclose(predict(both), wanted[:, ::-1], atol=1e-5)
     steering = convert(model, outputs=["ignored", "steering"])
     np.testing.assert_allclose(predict(steering), wanted[:, 1:], atol=1e-5)
     for wrong in (["steering"], ["steering", "steering"], ["steering", "brake"]):
-        with pytest.raises(InputError, match="outputs="):
-            convert(model, outputs=wrong)
+        assert "outputs=" in refusal(convert, model, outputs=wrong)
 
 
 def test_a_network_of_another_task_is_refused(tmp_path: Path) -> None:
@@ -504,8 +497,7 @@ def test_weights_that_do_not_fit_are_named(weights: list, words: str, tmp_path: 
      ((0, 30, 3), "not 1 to 4096"), ((20, 1e9, 3), "not 1 to 4096"), (("a", 30, 3), "not 1 to")],
 )  # fmt: skip
 def test_an_input_that_is_no_image_is_refused(shape: tuple, words: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=words):
-        convert(read(tmp_path, [SCALE, *REST], shape=shape))
+    assert words in refusal(convert, read(tmp_path, [SCALE, *REST], shape=shape))
 
 
 def test_weights_without_their_architecture_are_refused(tmp_path: Path) -> None:
