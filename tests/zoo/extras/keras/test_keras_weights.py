@@ -223,5 +223,4 @@ def test_floats_of_any_kind_load(dtype: str, tmp_path: Path) -> None:
 def test_arrays_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     layers = random_layers(KERNELS["lenet"])
     path = write_keras(tmp_path / "model.h5", [(layers[0][0].astype("S8"), layers[0][1])])
-    with pytest.raises(InputError, match="does not hold numbers; save"):
-        load_weights(build("lenet")[0], str(path))
+    assert "does not hold numbers; save" in refusal(load_weights, build("lenet")[0], str(path))
