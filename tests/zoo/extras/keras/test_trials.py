@@ -160,9 +160,8 @@ def test_a_crop_that_leaves_the_input_is_not_resized() -> None:
     entries = combinations(KnownInput(shape=(80, 320, 1), scale=SCALES[0]))
     assert {entry.view.colour for entry in entries} == {"gray", "hsv_s"}
     assert {entry.view.crop for entry in entries if entry.view.size is None} == {(60, 20), (55, 25)}
-    assert likeliest_combination(KnownInput(shape=(65, 320, 3), scale=SCALES[0])).view == View(
-        (70, 25), "rgb", None
-    )
+    likeliest = likeliest_combination(KnownInput(shape=(65, 320, 3), scale=SCALES[0]))
+    assert likeliest.view == View((70, 25), "rgb", None)
 
 
 def test_what_is_known_is_not_tried() -> None:
@@ -183,9 +182,8 @@ def test_resizing_before_the_colour_is_tried_where_it_differs() -> None:
     yuv = Combination(View((60, 25), "yuv", (66, 200)), SCALES[0])
     rgb = Combination(View((60, 25), "rgb", (66, 200)), SCALES[0])
     whole = Combination(View((0, 0), "yuv", None), SCALES[0])
-    ways = [
-        [way.view.resize for way in with_each_resize(base, PILOTNET)] for base in (yuv, rgb, whole)
-    ]
+    tried = [with_each_resize(base, PILOTNET) for base in (yuv, rgb, whole)]
+    ways = [[way.view.resize for way in entries] for entries in tried]
     assert ways == [
         ["area", "linear", "area_first", "linear_first", "blur_linear"],
         ["area", "linear", "blur_linear"],
@@ -297,10 +295,8 @@ def printed(judgement: Judgement) -> str:
 def test_what_it_saw_and_how_it_drives_are_two_sentences(finished: bool, noise: float) -> None:
     best = trial(noise=noise)
     lines = printed(judged(best, driven=(Driven(best, 150, finished, 0.3),))).splitlines()
-    saw, drives = (
-        next(line for line in lines if line.startswith(begin))
-        for begin in ("what it saw: colour=rgb 'crop=[60,25]'", "how it drives: ")
-    )
+    (saw,) = (line for line in lines if line.startswith("what it saw: colour=rgb 'crop=[60,25]'"))
+    (drives,) = (line for line in lines if line.startswith("how it drives: "))
     assert ("not certain" in saw) == (noise > 0.5)
     assert ("left the lane after 150 m" in drives) == (not finished)
     failed = noise > 0.5 or not finished
