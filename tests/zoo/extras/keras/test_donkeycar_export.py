@@ -39,11 +39,9 @@ def test_a_network_of_donkeycar_returns_as_it_came(names: tuple[str, ...], tmp_p
     contents, model_type = donkeycar_file.donkeycar_bytes(checkpoint)
     assert model_type == TYPES[names]
     (tmp_path / "back.h5").write_bytes(contents)
-    policies = (
-        CheckpointPolicy(checkpoint),
-        donkeycar_file.donkeycar_policy(checkpoint, tmp_path / "back.h5"),
-    )
-    np.testing.assert_allclose(*map(commands_of, policies), atol=1e-6)
+    back = donkeycar_file.donkeycar_policy(checkpoint, tmp_path / "back.h5")
+    expected = commands_of(CheckpointPolicy(checkpoint))
+    np.testing.assert_allclose(commands_of(back), expected, atol=1e-6)
     with h5py.File(tmp_path / "back.h5") as file:
         config = json.loads(file.attrs["model_config"])["config"]
         assert [name for name, *_ in config["output_layers"]] == list(names)
