@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.hostile.mutations import check_reading
+from tests.refusals import refusal
 from tests.zoo.bomb import Bomb
 from tests.zoo.extras.keras.keras_files import (
     Layer,
@@ -99,8 +100,7 @@ def test_json_within_json_is_read(tmp_path: Path) -> None:
     check_layers(path)
     check_layers(tmp_path / "m.h5")
     path.write_text(json.dumps(path.read_text()))
-    with pytest.raises(InputError, match=r"m\.json: is no model"):
-        read_keras(path)
+    assert "m.json: is no model" in refusal(read_keras, path)
 
 
 @pytest.mark.parametrize(
@@ -121,8 +121,7 @@ def test_a_pointer_of_git_lfs_is_named(read: Callable, name: str, tmp_path: Path
 
 @pytest.mark.parametrize("name", ["m.h5", "m.keras", "m.pth"])
 def test_a_missing_file_is_named(name: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=rf"{name}: no such file"):
-        read_keras(tmp_path / name)
+    assert f"{name}: no such file" in refusal(read_keras, tmp_path / name)
 
 
 def test_keras_3s_weights_stand_beside_a_json(tmp_path: Path) -> None:
@@ -293,8 +292,7 @@ def test_pickled_code_in_a_file_is_never_run(tmp_path: Path) -> None:
 def test_a_missing_h5py_names_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_keras(tmp_path / "m.keras", LAYERS)
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match="pip install h5py"):
-        read_keras(path)
+    assert "pip install h5py" in refusal(read_keras, path)
 
 
 def write_endless(path: Path) -> Path:
