@@ -125,8 +125,7 @@ def test_an_import_reads_the_only_network_of_a_folder(tmp_path: Path) -> None:
     for source in (tmp_path, path, path.with_suffix(".keras")):
         check_layers(source)
     write_h5(tmp_path / "model.h5", LAYERS)
-    with pytest.raises(InputError, match=r"holds 2 networks \(model\.h5, steering_angle\.keras\)"):
-        check_layers(tmp_path)
+    assert "holds 2 networks (model.h5, steering_angle.keras)" in refusal(check_layers, tmp_path)
 
 
 def test_a_zip_leaves_nothing_outside_and_names_itself(here: Path) -> None:
@@ -167,14 +166,12 @@ def test_the_three_lines_of_the_message_drive_a_network_of_pytorch(
     line = only_line(run_here(here, "model.pth", module="zoo.extras.keras.import"))
     _, _, code = line.partition("frame / 127.5 - 1: ")
     code = code.replace("YOUR_FILE", __name__).replace("YOUR_CLASS", Steering.__name__)
-    driven = []
-    evaluate = drivezoo.evaluate
-    monkeypatch.setattr(
-        drivezoo,
-        "evaluate",
-        lambda *given, **keys: driven.append(evaluate(*given, **keys, laps=0.003, page=False)),
-        raising=False,
-    )
+    driven, evaluate = [], drivezoo.evaluate
+
+    def drive(*given: object, **keys: object) -> None:
+        driven.append(evaluate(*given, **keys, laps=0.003, page=False))
+
+    monkeypatch.setattr(drivezoo, "evaluate", drive, raising=False)
     exec(code, {})
     assert len(driven) == 1
 
