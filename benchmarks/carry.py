@@ -4,7 +4,9 @@ A script that sees the image alone drives CarRacing-v3; networks learn from its 
 drive tracks that are none of them.
 """
 
+from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +19,38 @@ from zoo.base.bounded_files import read_json
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.policy_base import Policy, as_policy
 from zoo.driving.drive_log import KeptFigures
-from zoo.driving.run_drives import PolicyMaker, all_drives
+from zoo.driving.run_drives import PolicyMaker, all_drives, load_kept
 from zoo.driving.scenario import Scenario
 from zoo.results.differences import read_entries
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.scoring.track_scores import KeptDrive
 
-WORLD, SPEED_MPH = "gymnasium:CarRacing-v3", 20.0
+WORLD, SPEED_MPH = "gymnasium:CarRacing-v3", 27.5
 TRAINING, TEST = range(1000, 1040), range(20)  # seeds of tracks
-LEAST = 500.0  # return of a recorded drive; in others the script has lost the road
 BOARD, DRAWS = Path("benchmarks/board"), 2000
 ROWS = slice(64, 48, -2)  # of an image of 96 x 96, from the car on
 GREY, MIDDLE, FULL = 20, 47.5, 20.0
+
+
+@dataclass(frozen=True)
+class Harder:
+    """What makes a drive harder, after one of the board's axes.
+
+    Attributes:
+        noise: standard deviation of each value of the image.
+        light: factor of each value.
+        aside: pixels by which the image is moved to the right.
+        late: frames by which the steering is late.
+    """
+
+    noise: float = 0.0
+    light: float = 1.0
+    aside: int = 0
+    late: int = 0
+
+
+# At these levels LeNet and PilotNet lost some of the tracks 1040 to 1051.
+HARDER = Harder(noise=180), Harder(light=0.1), Harder(aside=10), Harder(late=2)
 
 
 class Script(PolicyMaker):
@@ -65,24 +87,42 @@ def tracks(seeds: Iterable[int]) -> list[Scenario]:
 
 
 def record_tracks(study: Study) -> dict[str, str]:
-    """Record the script's drives, and return the folders of those that kept the road."""
+    """Record the script's drives, and return their folders."""
     folder = Path(study.config["runs"], "recordings")
-    returns = folder / "returns.json"
-    if not returns.is_file():
-        keeps = [KeptDrive(folder / str(seed), record=True) for seed in TRAINING]
-        drives = all_drives(Script(), tracks(TRAINING), keeps, study.options.threads)
-        figures = [drive["episode_return"] for drive in drives]
-        write_whole(returns, json_text(dict(zip(map(str, TRAINING), figures, strict=True))))
-    kept = [str(folder / seed) for seed, value in read_json(returns).items() if value >= LEAST]
-    return {"root": f"[{','.join(kept)}]"}
+    folders = [folder / str(seed) for seed in TRAINING]
+    if not (folder / "done").is_file():
+        keeps = [KeptDrive(path, record=True) for path in folders]
+        all_drives(Script(), tracks(TRAINING), keeps, study.options.threads)
+        (folder / "done").touch()
+    return {"root": f"[{','.join(map(str, folders))}]"}
+
+
+@dataclass(frozen=True)
+class DisturbedCheckpoint(PolicyMaker):
+    """What drives a checkpoint as `HARDER` says of the track's number."""
+
+    checkpoint: str
+
+    def policy(self, world: object, scenario: Scenario) -> Policy:
+        """Return the driver, whose noise is drawn from the track's number."""
+        policy, harder = load_kept(self.checkpoint).scored(), HARDER[scenario.seed % len(HARDER)]
+        rng, waiting = np.random.default_rng(scenario.seed), deque([0.0] * harder.late)
+
+        def drive(frame: np.ndarray, mph: float) -> tuple[float, None]:
+            image = np.roll(frame, harder.aside, axis=1) * harder.light
+            image += rng.normal(0, harder.noise, image.shape)
+            waiting.append(policy(image.clip(0, 255).astype(np.uint8), mph).steering)
+            return waiting.popleft(), None
+
+        return as_policy(drive)
 
 
 def carried_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a row of a run for each test track, with its return and the run's open-loop error."""
     path, keep = run / "carried.json", KeptFigures()
     if not path.is_file():
-        checkpoint = str(run / "checkpoints" / "last.ckpt")
-        drives = all_drives(checkpoint, tracks(TEST), keep, study.options.threads)
+        driver = DisturbedCheckpoint(str(run / "checkpoints" / "last.ckpt"))
+        drives = all_drives(driver, tracks(TEST), keep, study.options.threads)
         write_whole(path, json_text([drive["episode_return"] for drive in drives]))
     error = read_metrics_file(run)["open_loop"]["val"]["balanced_mae"]
     for track, value in zip(TEST, read_json(path), strict=True):
