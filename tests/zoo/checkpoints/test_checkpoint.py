@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.balance import BatchKey
 from datamodules.view import CONVERSIONS
 from tests.recordings import Written, write_resized
+from tests.refusals import refusal
 from tests.slow_members import slow
 from tests.without_rights import without_rights
 from tests.zoo.bomb import Bomb
@@ -132,27 +134,22 @@ def test_a_setting_that_does_not_fit_is_named(
 ) -> None:
     contents["drivezoo"]["config"]["model"][key] = value
     torch.save(contents, tmp_path / "x.ckpt")
-    with pytest.raises(InputError, match=rf"x\.ckpt: {words}"):
-        load_checkpoint(tmp_path / "x.ckpt")
+    assert re.search(rf"x\.ckpt: {words}", refusal(load_checkpoint, tmp_path / "x.ckpt"))
 
 
 def test_pickled_code_is_refused_and_never_run(tmp_path: Path) -> None:
     evil = tmp_path / "evil.ckpt"
     torch.save({"drivezoo": {"format": 1}, "state_dict": {}, "x": Bomb(tmp_path / "ran")}, evil)
-    with pytest.raises(InputError, match=r"evil.ckpt: .*code.*not run"):
-        load_checkpoint(evil)
+    assert re.search(r"evil\.ckpt: .*code.*not run", refusal(load_checkpoint, evil))
     evil.write_bytes(pickle.dumps(Bomb(tmp_path / "ran")))
-    with pytest.raises(InputError, match=r"evil.ckpt"):
-        load_checkpoint(evil)
+    assert "evil.ckpt" in refusal(load_checkpoint, evil)
     assert not (tmp_path / "ran").exists()
 
 
 def test_what_is_no_checkpoint_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such checkpoint"):
-        load_checkpoint(tmp_path / "none.ckpt")
+    assert "no such checkpoint" in refusal(load_checkpoint, tmp_path / "none.ckpt")
     torch.save({"weights": torch.zeros(2)}, tmp_path / "foreign.ckpt")
-    with pytest.raises(InputError, match=r"foreign\.ckpt"):
-        load_checkpoint(tmp_path / "foreign.ckpt")
+    assert "foreign.ckpt" in refusal(load_checkpoint, tmp_path / "foreign.ckpt")
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
@@ -161,8 +158,8 @@ def test_weights_that_are_not_finite_are_refused_with_their_tensor(
 ) -> None:
     contents["state_dict"]["network.head.0.weight"][0, 0] = value
     torch.save(contents, tmp_path / "diverged.ckpt")
-    with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight .*optim\.lr"):
-        load_policy(tmp_path / "diverged.ckpt")
+    message = refusal(load_policy, tmp_path / "diverged.ckpt")
+    assert re.search(r"diverged\.ckpt: head\.0\.weight .*optim\.lr", message)
 
 
 @pytest.mark.parametrize(
@@ -181,8 +178,7 @@ def test_a_file_that_cannot_be_used_says_why(
 ) -> None:
     path = tmp_path / "x.ckpt"
     make(path, best.read_bytes())
-    with pytest.raises(InputError, match=rf"x\.ckpt: {words}"):
-        read_checkpoint_file(path)
+    assert re.search(rf"x\.ckpt: {words}", refusal(read_checkpoint_file, path))
 
 
 @pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs files that a user may not read")
