@@ -1,14 +1,13 @@
 """Values of a config, checked before anything is recorded or read."""
 
-import re
 from pathlib import Path
 
 import pytest
 from omegaconf import OmegaConf
 
+from tests.refusals import refusal
 from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.compositions import composed
-from zoo.base.errors import InputError, UsageError
 from zoo.scoring.track_scores import run_options
 from zoo.training.config_values import check_arguments, check_config
 from zoo.training.run_config import settle_windows, with_quick
@@ -69,8 +68,7 @@ POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
 def test_a_wrong_value_or_key_is_named(key: str, value: object, words: str) -> None:
     config = OmegaConf.create(composed("data.root=laps"))
     OmegaConf.update(config, key, value, force_add=True)
-    with pytest.raises(InputError, match=re.escape(words)):
-        check(OmegaConf.to_container(config))
+    assert words in refusal(check, OmegaConf.to_container(config))
 
 
 @pytest.mark.parametrize("key", ["seed=one", "+optim.foo=1", "callbacks.best.save_top_k=2"])
@@ -84,5 +82,4 @@ def test_annotations_that_only_type_checkers_resolve_are_left_out() -> None:
         pass
 
     check_arguments("loss", function, {"rate": True, "count": 1})
-    with pytest.raises(UsageError, match="count=true"):
-        check_arguments("loss", function, {"count": True})
+    assert "count=true" in refusal(check_arguments, "loss", function, {"count": True})
