@@ -36,9 +36,8 @@ def decode(path: Path) -> tuple[dict, np.ndarray]:
     reader = imageio_ffmpeg.read_frames(str(path))
     meta = next(reader)
     width, height = meta["size"]
-    return meta, np.array([np.frombuffer(frame, np.uint8) for frame in reader]).reshape(
-        -1, height, width, 3
-    )
+    frames = np.array([np.frombuffer(frame, np.uint8) for frame in reader])
+    return meta, frames.reshape(-1, height, width, 3)
 
 
 def film(cwd: Path, *arguments: object) -> subprocess.CompletedProcess:
@@ -73,9 +72,7 @@ def test_images_are_filmed_in_the_order_of_time(recorded: Written, tmp_path: Pat
     assert len(frames) == 3
 
 
-def test_a_drive_shows_autonomy_and_distance_from_the_centre(
-    recorded: Written, tmp_path: Path
-) -> None:
+def test_a_drive_shows_autonomy_and_cross_track_error(recorded: Written, tmp_path: Path) -> None:
     folder = tmp_path / "drive"
     shutil.copytree(recorded.folder / "IMG", folder / "IMG")
     writer = DriveWriter(folder)
@@ -98,9 +95,7 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     assert len(decode(film_command(folder))[1]) == 120
 
 
-def test_unreadable_images_are_skipped_and_odd_names_are_kept(
-    recorded: Written, tmp_path: Path
-) -> None:
+def test_unreadable_images_are_skipped_odd_names_kept(recorded: Written, tmp_path: Path) -> None:
     folder = tmp_path / "[brightness] [red] :car:"
     folder.mkdir()
     for row in range(4):
@@ -266,9 +261,7 @@ def test_pilots_steer_beside_the_recorded_driver(tmp_path: Path) -> None:
     assert (tmp_path / "pilots.mp4").stat().st_size
 
 
-def test_a_film_and_a_map_read_a_recording_as_in_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_steering_is_read_as_in_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written, wheels = write_recording(tmp_path / "lake", rows=3), []
     data = {"root": str(written.folder), "steering": {"right": "negative"}, "on_bad_row": "skip"}
     pilot = write_constant(tmp_path / "a.ckpt", 0.3, data=data)
