@@ -29,9 +29,8 @@ def test_a_part_of_the_users_own_is_listed(tmp_path: Path) -> None:
 
 
 def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:
-    assert "did you mean tracks" in only_line(
-        run_here(tmp_path, "track", module="zoo.commands.list")
-    )
+    line = only_line(run_here(tmp_path, "track", module="zoo.commands.list"))
+    assert "did you mean tracks" in line
 
 
 @pytest.mark.parametrize("kinds", [[], ["tracks", "recipes"], ["metrics"]])
