@@ -69,9 +69,7 @@ def test_left_and_right_are_compared_with_the_images_of_every_recording(
 
 @pytest.mark.parametrize("given", [[], ["steering={unit: share, right: positive}"]])
 @pytest.mark.parametrize("others", [(), (1.0,)])
-def test_the_next_command_turns_the_sign(
-    tmp_path: Path, given: list[str], others: tuple[float, ...]
-) -> None:
+def test_the_next_command_turns_the_sign(tmp_path: Path, given: list[str], others: tuple) -> None:
     folders = [driving_log(tmp_path / "wrong", -1.0)]
     folders += [driving_log(tmp_path / "right", right) for right in others]
     for _ in range(2):
