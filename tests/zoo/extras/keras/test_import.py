@@ -195,9 +195,8 @@ def test_a_line_is_applied_and_exported(outputs: int, lake: Written, tmp_path: P
     printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     assert "largest difference from the checkpoint" in printed
     frames = rng.integers(0, 256, (4, 20, 40, 3), np.uint8).repeat(8, 1).repeat(8, 2)
-    plain, *lined = (
-        load_policy(tmp_path / f"{file}") for file in ("plain.ckpt", "lined.ckpt", "lined.onnx")
-    )
+    names = ("plain.ckpt", "lined.ckpt", "lined.onnx")
+    plain, *lined = (load_policy(tmp_path / name) for name in names)
     for frame in frames:
         steering, throttle = plain(frame, 9.0)
         for policy in lined:
