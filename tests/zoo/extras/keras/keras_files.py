@@ -100,11 +100,8 @@ def write_groups(group: h5py.Group, layers: list[Layer], version: int, backend: 
     for name, kind, config, weights in named_layers(layers):
         ends = [*ENDS.get(kind, USUAL)]
         if kind == "BatchNormalization":
-            ends = [
-                end
-                for end in ends
-                if config.get({"gamma": "scale", "beta": "center"}.get(end, ""), True)
-            ]
+            switches = {"gamma": "scale", "beta": "center"}
+            ends = [end for end in ends if config.get(switches.get(end, ""), True)]
         subgroup = group.create_group(name)
         names = [
             f"{name}_{KERAS_1.get(end, end)}" if version == 1 else f"{name}/{end}:0"
