@@ -33,13 +33,10 @@ def fit_steering(recording: Recording, view: View, scale: tuple[float, float]) -
     middle = inputs.mean(0)
     centred = inputs - middle
     # Ridge regression in its dual form: there are fewer images than pixels.
-    weights = centred.T @ np.linalg.solve(
-        centred @ centred.T + RIDGE * np.eye(len(images)), steering
-    )
+    ridge = centred @ centred.T + RIDGE * np.eye(len(images))
+    weights = centred.T @ np.linalg.solve(ridge, steering)
     bias = -middle @ weights
-    return dense_layer(
-        weights.astype(np.float32)[:, None], np.array([bias], np.float32), activation="linear"
-    )
+    return dense_layer(weights.astype(np.float32)[:, None], np.array([bias], np.float32))
 
 
 def write_steering_h5(path: Path, recording: Recording, view: View, *before: Layer) -> Path:
