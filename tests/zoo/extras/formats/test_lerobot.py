@@ -27,7 +27,7 @@ from tests.zoo.extras.formats.rare_recordings import described_images
 from zoo.base.errors import InputError, UsageError
 from zoo.commands.convert import convert
 from zoo.extras.formats.lerobot import read
-from zoo.extras.formats.lerobot_features import find_meaning
+from zoo.extras.formats.lerobot_features import Meaning, find_meaning
 from zoo.extras.formats.video_frames import read_frames, video_writer
 
 pa = pytest.importorskip("pyarrow")
@@ -38,6 +38,7 @@ ROWS = np.r_[0:20, 60:80]
 CENTER = "videos/observation.images.center/chunk-000/file-000.mp4"
 DATA = "data/chunk-000/file-000.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+FILE_INDEX = "videos/observation.images.center/file_index"
 
 
 @pytest.fixture(scope="module")
@@ -249,6 +250,13 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     assert read_recordings(str(tmp_path / "new")).steering[3] == np.float32(0.3)
 
 
+def meaning_of(*names: str) -> Meaning:
+    """Return what the numbers of an action with these names mean."""
+    action = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
+    features = {"action": action, "observation.images.front": {"dtype": "video"}}
+    return find_meaning(features, "info.json", None, None, "mps")
+
+
 @pytest.mark.parametrize(
     ("name", "mps"),
     [
@@ -260,26 +268,15 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     ],
 )
 def test_a_speeds_name_has_its_unit_and_a_turns_velocity_is_none(name: str, mps: float) -> None:
-    names = ["steering", "angular_velocity", "yaw_velocity", name]
-    features = {
-        "action": {"dtype": "float32", "shape": [4], "names": names},
-        "observation.images.front": {"dtype": "video"},
-    }
-    meaning = find_meaning(features, "info.json", None, None, "mps")
+    meaning = meaning_of("steering", "angular_velocity", "yaw_velocity", name)
     assert meaning.mph == pytest.approx(mps / 0.44704)
     assert not meaning.assumed_unit
 
 
 def test_one_number_for_both_pedals_is_the_throttle_alone() -> None:
-    features = {
-        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle_brake"]},
-        "observation.images.front": {"dtype": "video"},
-    }
-    roles = find_meaning(features, "info.json", None, None, "mps").roles
-    assert {role: str(part) for role, part in roles.items()} == {
-        "steering": "action:0",
-        "throttle": "action:1",
-    }
+    roles = meaning_of("steering", "throttle_brake").roles
+    places = {role: str(part) for role, part in roles.items()}
+    assert places == {"steering": "action:0", "throttle": "action:1"}
 
 
 def _info(dataset: Path, **changed: object) -> None:
@@ -332,21 +329,10 @@ PLAYLIST = b"#EXTM3U\n#EXTINF:1,\n/etc/passwd\n#EXT-X-ENDLIST\n"
         (lambda log: (log / EPISODES).write_bytes(b"PAR1"), f"{EPISODES}: the Parquet file"),
         (lambda log: _put(log, "steering", 7.0), f"{DATA}, row 7: steering is 7, beyond -1..1"),
         (lambda log: _put(log, "steering", None), f"{DATA}, row 7: steering is empty"),
-        (
-            lambda log: _rewrite(log, "steering", ["x"] * 40),
-            f"{DATA}: steering is string, expected numbers",
-        ),
+        (lambda log: _rewrite(log, "steering", ["x"] * 40), f"{DATA}: steering is string"),
         (lambda log: _put(log, "timestamp", 1e9), f"{DATA}, row 7: timestamp"),
-        (
-            lambda log: _rewrite(log, "episode_index", [5] * 40),
-            "hold 40 rows (3 episodes differ: episode 0 has 0 rows of 20",
-        ),
-        (
-            lambda log: _rewrite(
-                log, "videos/observation.images.center/file_index", [-1, 0], EPISODES
-            ),
-            f"{EPISODES}, row 1: no place of a video",
-        ),
+        (lambda log: _rewrite(log, "episode_index", [5] * 40), "episode 0 has 0 rows of 20"),
+        (lambda log: _rewrite(log, FILE_INDEX, [-1, 0], EPISODES), f"{EPISODES}, row 1: no place"),
         (lambda log: (log / CENTER).unlink(), f"{CENTER}: No such file"),
         (lambda log: (log / CENTER).write_bytes(b""), f"{CENTER}: no MP4"),
         (lambda log: (log / CENTER).write_bytes(PLAYLIST), f"{CENTER}: no MP4"),
@@ -444,8 +430,7 @@ def test_a_dataset_that_has_other_rows_than_it_says_is_refused(counted: Path) ->
     assert len(read_recordings(str(counted))) == 10
     assert "rows" not in notes(counted)
     _info(counted, total_frames=7)
-    with pytest.raises(InputError, match=r"total_frames is 7, and its files hold 10 rows"):
-        read_recordings(str(counted))
+    assert "total_frames is 7, and its files hold 10 rows" in refusal(read_recordings, str(counted))
     done = run_here(counted.parent, "set", module="zoo.commands.check")
     assert done.returncode == 1
     assert "total_frames is 7, and its files hold 10 rows" in done.stdout
