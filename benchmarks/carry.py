@@ -12,11 +12,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kendalltau
 
-from benchmarks.board_rows import Row
+from benchmarks.board_rows import BOARD, Row
 from benchmarks.measuring import Rows, grouped
-from benchmarks.study_grid import Entry, Study
-from zoo.base.bounded_files import read_json
-from zoo.base.whole_file import json_text, write_whole
+from benchmarks.study_grid import Entry, Study, kept
 from zoo.checkpoints.policy_base import Policy, as_policy
 from zoo.driving.drive_log import KeptFigures
 from zoo.driving.run_drives import PolicyMaker, all_drives, load_kept
@@ -27,7 +25,7 @@ from zoo.scoring.track_scores import KeptDrive
 
 WORLD, SPEED_MPH = "gymnasium:CarRacing-v3", 27.5
 TRAINING, TEST = range(1000, 1040), range(20)  # seeds of tracks
-BOARD, DRAWS = Path("benchmarks/board"), 2000
+DRAWS = 2000
 ROWS = slice(64, 48, -2)  # of an image of 96 x 96, from the car on
 GREY, MIDDLE, FULL = 20, 47.5, 20.0
 
@@ -119,28 +117,26 @@ class DisturbedCheckpoint(PolicyMaker):
 
 def carried_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
     """Return a row of a run for each test track, with its return and the run's open-loop error."""
-    path, keep = run / "carried.json", KeptFigures()
-    if not path.is_file():
-        driver = DisturbedCheckpoint(str(run / "checkpoints" / "last.ckpt"))
-        drives = all_drives(driver, tracks(TEST), keep, study.options.threads)
-        write_whole(path, json_text([drive["episode_return"] for drive in drives]))
+
+    def returns() -> dict:
+        driver = DisturbedCheckpoint(str(entry.checkpoint(run)))
+        drives = all_drives(driver, tracks(TEST), KeptFigures(), study.options.threads)
+        return {"returns": [drive["episode_return"] for drive in drives]}
+
     error = read_metrics_file(run)["open_loop"]["val"]["balanced_mae"]
-    for track, value in zip(TEST, read_json(path), strict=True):
+    for track, value in zip(TEST, kept(run / "carried.json", returns)["returns"], strict=True):
         yield {"track": track, "return": round(value, 2), "balanced_mae": round(error, 5)}
 
 
 def board_scores(entry: str) -> np.ndarray:
-    """Return which drives of the board were clean, float64 [seeds, roads]; empty without any."""
-    if not (BOARD / entry / "result.json").is_file():
-        return np.empty((0, 0))
+    """Return which drives of the board were clean, float64 [seeds, roads]."""
     (read,) = read_entries(BOARD / entry)
     return read.scores(read.roads)
 
 
 def on_board(rows: Rows) -> str:
     """Return an entry's share of clean drives on the board."""
-    scores = board_scores(rows[0]["entry"])
-    return f"{100 * scores.mean():.1f} %" if scores.size else "-"
+    return f"{100 * board_scores(rows[0]['entry']).mean():.1f} %"
 
 
 def agreement(rows: Rows, figure: str) -> str:
@@ -160,8 +156,7 @@ def agreement(rows: Rows, figure: str) -> str:
             other = board_scores(trainings[0]["entry"])
         else:
             other = -np.array([[float(seed[0][figure])] for seed in of_seeds])
-        if other.size:
-            pairs.append((returns, other))
+        pairs.append((returns, other))
     rng, same = np.random.default_rng(1), figure != "board"
     drawn = [_tau(pairs, same, rng) for _ in range(DRAWS)]
     low, high = np.nanpercentile(drawn, [2.5, 97.5])

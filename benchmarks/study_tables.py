@@ -69,10 +69,10 @@ def over_seeds(values: Sequence[float], most: float, unit: str, form: str = ".1f
 def by_training(rows: Rows) -> list[tuple[float, float]]:
     """Return the interventions and the kilometres of each training, in the order of the seeds."""
     by_seed = sorted(grouped(rows, ["seed"]), key=lambda drives: int(drives[0]["seed"]))
-    trainings = [
-        (floats(drives, "interventions"), floats(drives, "driven_m")) for drives in by_seed
+    return [
+        (sum(floats(drives, "interventions")), sum(floats(drives, "driven_m")) / 1000)
+        for drives in by_seed
     ]
-    return [(sum(counts), sum(metres) / 1000) for counts, metres in trainings]
 
 
 def interventions_per_km(rows: Rows) -> str:
