@@ -46,8 +46,7 @@ def test_imagenet_weights_for_another_network_are_refused_before_the_download(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TORCH_HOME", str(tmp_path))
-    with pytest.raises(InputError, match=r"LeNet; set model=vgg"):
-        load_weights(build("lenet")[0], "imagenet")
+    assert "LeNet; set model=vgg" in refusal(load_weights, build("lenet")[0], "imagenet")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -63,8 +62,8 @@ def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
     [
         ({"head.0.bias": None}, "lacks head.0.bias, which LeNet needs"),
         ({"extra": torch.zeros(1)}, "holds extra, which LeNet lacks"),
-        ({"head.0.bias": torch.zeros(7)}, r"head.0.bias is \[7\] in the file, \[120\] in LeNet"),
-        ({"head.0.bias": torch.zeros(120).to_sparse()}, r"head.0.bias .*plain floats"),
+        ({"head.0.bias": torch.zeros(7)}, "head.0.bias is [7] in the file, [120] in LeNet"),
+        ({"head.0.bias": torch.zeros(120).to_sparse()}, "head.0.bias does not hold plain floats"),
         ({3: torch.zeros(1)}, "is not a state dict"),
         ({"epoch": 3}, "is not a state dict"),
     ],
@@ -73,8 +72,7 @@ def test_a_state_dict_that_does_not_fit_names_the_tensor(change, words, tmp_path
     network, _ = build("lenet")
     state = {**network.state_dict(), **change}
     torch.save({name: item for name, item in state.items() if item is not None}, tmp_path / "x.pth")
-    with pytest.raises(InputError, match=words):
-        load_weights(network, str(tmp_path / "x.pth"))
+    assert words in refusal(load_weights, network, str(tmp_path / "x.pth"))
 
 
 def test_a_checkpoint_without_a_state_dict_is_named(tmp_path: Path) -> None:
@@ -94,8 +92,7 @@ def test_pickled_code_in_a_state_dict_is_refused_and_never_run(tmp_path: Path) -
 def test_a_file_that_is_no_weights_is_named(name: str, tmp_path: Path) -> None:
     if name != "none.pth":
         (tmp_path / name).write_text("weights?")
-    with pytest.raises(InputError, match=name):
-        load_weights(build("lenet")[0], str(tmp_path / name))
+    assert name in refusal(load_weights, build("lenet")[0], str(tmp_path / name))
 
 
 @pytest.fixture
@@ -114,14 +111,13 @@ def test_imagenet_weights_are_downloaded_once_and_checked(source: Path, tmp_path
     # A second time nothing is fetched: there is no such address.
     assert downloaded_file("file:///nowhere/vgg16.pth", digest[:8], folder) == path
     path.write_bytes(b"changed")
-    with pytest.raises(InputError, match="another hash"):
-        downloaded_file(source.as_uri(), digest[:8], folder)
+    assert "another hash" in refusal(downloaded_file, source.as_uri(), digest[:8], folder)
 
 
 def test_a_download_with_another_hash_leaves_nothing(source: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="was not downloaded"):
-        downloaded_file(source.as_uri(), "00000000", tmp_path / "cache")
-    assert list((tmp_path / "cache").iterdir()) == []
+    cache = tmp_path / "cache"
+    assert "was not downloaded" in refusal(downloaded_file, source.as_uri(), "00000000", cache)
+    assert list(cache.iterdir()) == []
 
 
 def test_without_network_the_error_says_which_file_to_put_where(tmp_path: Path) -> None:
@@ -131,10 +127,9 @@ def test_without_network_the_error_says_which_file_to_put_where(tmp_path: Path) 
         assert words in line
 
 
-def test_a_cache_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="was not downloaded"):
-        downloaded_file("file:///nowhere/vgg16.pth", "00000000", tmp_path / "file" / "checkpoints")
+def test_a_cache_that_cannot_be_made_is_one_line(source: Path) -> None:
+    cache = source / "checkpoints"
+    assert "was not downloaded" in refusal(downloaded_file, source.as_uri(), "00000000", cache)
 
 
 def test_a_package_that_is_not_installed_is_named_with_its_command() -> None:
