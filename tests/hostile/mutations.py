@@ -239,9 +239,8 @@ def mutated_zip(
     """
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = [(info.filename, archive.read(info)) for info in archive.infolist()]
-    how = draw(
-        st.sampled_from(("change", "change", "change", "lose", "double", "rename", "deflate"))
-    )
+    ways = ("change", "change", "change", "lose", "double", "rename", "deflate")
+    how = draw(st.sampled_from(ways))
     at = draw(st.integers(0, len(entries) - 1))
     if how == "change":
         strategies = dict(enumerate([mutated_bytes(contents) for _, contents in entries]))
