@@ -88,9 +88,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_function_in_a_strangers_config_is_not_called(
-    name: str, strangers: Path, tmp_path: Path, refusal: Refusal
-) -> None:
+def test_no_function_is_run(name: str, strangers: Path, tmp_path: Path, refusal: Refusal) -> None:
     ran = tmp_path / "ran"
     torch.save(Bomb(ran), tmp_path / "x.pt")
     loss = {"_target_": "torch.load", "f": str(tmp_path / "x.pt"), "weights_only": False}
@@ -240,9 +238,7 @@ def test_a_network_of_another_module_is_refused(target: str) -> None:
         make_network({"_target_": target}, None)
 
 
-def test_a_strangers_recording_is_not_written(
-    strangers: Path, tmp_path: Path, refusal: Refusal
-) -> None:
+def test_no_recording_is_written(strangers: Path, tmp_path: Path, refusal: Refusal) -> None:
     """Recording there would remove a folder that ends in .part and empty a .lock file."""
     folder = tmp_path / "laps.part"
     folder.mkdir()
@@ -254,9 +250,7 @@ def test_a_strangers_recording_is_not_written(
 
 
 @pytest.mark.parametrize("target", ["../../../kept", "/etc/kept"])
-def test_a_checkpoint_does_not_name_files_to_delete(
-    target: str, strangers: Path, tmp_path: Path, refusal: Refusal
-) -> None:
+def test_no_file_is_deleted(target: str, strangers: Path, tmp_path: Path, refusal: Refusal) -> None:
     """Lightning deletes the path of the earlier best checkpoint, which its saved state names."""
     file = tmp_path / "kept"
     file.write_text("mine")
@@ -273,9 +267,7 @@ def test_a_checkpoint_does_not_name_files_to_delete(
 
 
 @pytest.mark.slow
-def test_a_rerun_enters_no_folder_of_a_config(
-    strangers: Path, recorded: Written, tmp_path: Path
-) -> None:
+def test_a_rerun_enters_no_other_folder(strangers: Path, recorded: Written, tmp_path: Path) -> None:
     """Python would import a module there instead of ours."""
     cwd = tmp_path / "place"
     (cwd / "zoo").mkdir(parents=True)
