@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.recordings import Written
+from tests.slow_members import slow
 from tests.zoo.command_runs import command, environment, only_line, run_here, run_words, succeed
 from tests.zoo.trainings import SMALL
 from zoo.base.run_command import ForgivingOutput
@@ -87,10 +88,7 @@ def test_a_recording_that_is_removed_while_it_trains(
 
 MAIN = "from zoo.base.console_script import main; raise SystemExit(main())"
 SCRIPT = [sys.executable, "-c", MAIN]
-COMMANDS = [
-    *("--help", "check", "list tracks"),
-    pytest.param("check --help", marks=pytest.mark.slow),
-]
+COMMANDS = ["--help", "check", "list tracks", *slow("check --help")]
 
 
 def printing(
