@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ import pytest
 
 from datamodules.view import View
 from tests.recordings import Written
+from tests.refusals import refusal
 from tests.zoo.base.user_parts import write_network
 from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.trainings import SMALL
@@ -107,8 +107,7 @@ def test_a_changed_file_that_does_not_fit_is_refused(workspace: Path, named_here
     code = (workspace / "my_net.py").read_text().replace("self.head", "self.last")
     (workspace / "my_net.py").write_text(code)
     named_here(workspace / "my_net.py")
-    with pytest.raises(InputError, match=r"lacks last\.weight"):
-        load_checkpoint(workspace / "run")
+    assert "lacks last.weight" in refusal(load_checkpoint, workspace / "run")
 
 
 @pytest.mark.parametrize(
@@ -172,8 +171,7 @@ def test_the_variable_takes_whole_paths(here: Path, monkeypatch: pytest.MonkeyPa
     """Else a file of that name in a downloaded folder would run."""
     write_network(here)
     monkeypatch.setenv("DRIVEZOO_PARTS", "my_net.py")
-    with pytest.raises(InputError, match=f"whole path; write {re.escape(str(here))}"):
-        take_parts([])
+    assert f"whole path; write {here}" in refusal(take_parts, [])
 
 
 @pytest.mark.parametrize(
@@ -193,8 +191,7 @@ def test_the_variable_takes_whole_paths(here: Path, monkeypatch: pytest.MonkeyPa
 )
 def test_a_mistake_in_the_file_is_one_line(change: tuple, fault: str, part: Path) -> None:
     part.write_text(part.read_text().replace(*change))
-    with pytest.raises(InputError, match=re.escape(fault)):
-        make_network({"_target_": "my_net.MyNet"}, VIEW)
+    assert fault in refusal(make_network, {"_target_": "my_net.MyNet"}, VIEW)
 
 
 def test_a_file_that_is_edited_after_its_import_is_refused_until_a_reload(part: Path) -> None:
@@ -258,8 +255,7 @@ def test_a_file_named_as_another_module_is_refused(tmp_path: Path, named_here: N
 @pytest.mark.usefixtures("part")
 def test_a_class_that_the_file_only_imports_is_refused() -> None:
     for name in ("my_net.Tensor", "my_net.nn.Linear", "my_net.nn"):
-        with pytest.raises(InputError, match=r"my_net"):
-            make_network({"_target_": name}, VIEW)
+        assert "my_net" in refusal(make_network, {"_target_": name}, VIEW)
 
 
 def test_a_saved_config_names_a_part_where_it_belongs(tmp_path: Path, named_here: NameFile) -> None:
