@@ -86,9 +86,8 @@ def mutated(path: Path, strategies: Strategies) -> st.SearchStrategy[bytes]:
             return mutated_json(json.loads(data))
     if kind in (".catalog", ".json"):
         first, _, rest = data.rstrip(b"\n").rpartition(b"\n")
-        return mutated_json(json.loads(rest)).map(lambda row: first + b"\n" + row) | mutated_bytes(
-            data
-        )
+        rows = mutated_json(json.loads(rest)).map(lambda row: first + b"\n" + row)
+        return rows | mutated_bytes(data)
     if kind in strategies:
         return strategies[kind](data) | mutated_bytes(data)
     return mutated_bytes(data)
