@@ -129,9 +129,8 @@ def check_harmless(page: Path, images: int, scripts: int, profile: Path) -> str:
     """Open a page, check that no script of a text runs, and return the shown text."""
     with Browser(profile, 1200, 900) as browser:
         browser.open(page.as_uri())
-        browser.wait_for(
-            "document.readyState === 'complete' && document.querySelectorAll('h1').length"
-        )
+        loaded = "document.readyState === 'complete' && document.querySelectorAll('h1').length"
+        browser.wait_for(loaded)
         assert browser.value("typeof hacked") == "undefined"
         count = "[...document.querySelectorAll('{}')].length".format
         assert browser.value(count("img:not([src^=data])")) == images
