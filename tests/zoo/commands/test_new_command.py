@@ -86,9 +86,8 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 def test_the_written_tests_pass(written: New) -> None:
     files = [word for words in written.commands("python", "-m", "pytest") for word in words]
-    assert sorted(Path(path).name for path in files) == sorted(
-        f"test_{name}.py" for name in PARTS.values()
-    )
+    expected = [f"test_{name}.py" for name in PARTS.values()]
+    assert sorted(Path(path).name for path in files) == sorted(expected)
     # In its own folder: from the usual one pytest clears the files of earlier runs, for minutes.
     written.run("pytest", "-q", "-p", "no:cacheprovider", "--basetemp=temporary", *files)
 
@@ -111,9 +110,8 @@ def test_the_printed_commands_train_and_drive_the_parts(written: New, recorded: 
     drives = written.commands("drivezoo", "evaluate")
     merged = list(dict.fromkeys(word for drive in drives for word in drive))
     assert {"my_track.yaml", "my_net.py"} <= {Path(re.sub(".*=", "", word)).name for word in merged}
-    written.run(
-        "zoo.commands.evaluate", *merged, "laps=0.01", "quality=simple", "workers=1", "out=drives"
-    )
+    short = ("laps=0.01", "quality=simple", "workers=1", "out=drives")
+    written.run("zoo.commands.evaluate", *merged, *short)
     (record,) = written.commands("drivezoo", "simulator", "record")
     written.run("zoo.commands.simulator", "record", *record, "laps=0.01")
 
@@ -162,9 +160,7 @@ def test_in_a_checkout_a_part_leaves_the_projects_files_alone(tmp_path: Path) ->
     assert "parts=my_parts/its_net.py" in following[1][0]
 
 
-def test_a_part_in_a_checkout_brings_no_yaml(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_checkouts_part_brings_no_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_net.py").write_text("")
     (tmp_path / "conf").symlink_to(ROOT / "conf")
     monkeypatch.setenv("DRIVEZOO_PARTS", str(tmp_path / "my_net.py"))
