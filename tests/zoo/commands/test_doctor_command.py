@@ -144,10 +144,8 @@ def test_a_slow_network_is_measured_as_it_drives(monkeypatch: pytest.MonkeyPatch
     torch.set_num_threads(2)
     threads: list[int] = []
     real = time.perf_counter
-    counting = SimpleNamespace(
-        perf_counter=lambda: threads.append(torch.get_num_threads()) or real()
-    )
-    monkeypatch.setattr(inputs, "time", counting)
+    timer = SimpleNamespace(perf_counter=lambda: threads.append(torch.get_num_threads()) or real())
+    monkeypatch.setattr(inputs, "time", timer)
     *_, finding = inputs.check_checkpoint(str(packaged_file("tiny41")))
     assert {*threads} == {1}
     assert torch.get_num_threads() == 2, "left as it was"
