@@ -248,9 +248,7 @@ def test_successes_are_not_compared_with_other_scores(tmp_path: Path) -> None:
     drivezoo.compare(*files, score="reward", out=tmp_path / "out.json")
 
 
-def test_a_policy_that_scored_0_has_no_interval_in_0_to_1_where_another_scored_more(
-    tmp_path: Path,
-) -> None:
+def test_a_policy_that_scored_0_has_no_interval_where_another_scored_more(tmp_path: Path) -> None:
     scored = {"none": 0 * SCORES, "half": 0 * SCORES + 0.5, "more": SCORES}
     rows = [row for name, scores in scored.items() for row in rollouts(name, scores)]
     file = table(tmp_path / "r.csv", rows)
