@@ -90,11 +90,8 @@ def test_a_trial_of_a_killed_process_is_resumed(recorded: Written, study: "optun
 
     states = [entry.state.name for entry in study.get_trials()]
     assert states == ["COMPLETE", "COMPLETE", "COMPLETE", "RUNNING"]
-    (lr,) = [
-        line
-        for line in Path("s/2/.hydra/overrides.yaml").read_text().splitlines()
-        if "optim.lr" in line
-    ]
+    lines = Path("s/2/.hydra/overrides.yaml").read_text().splitlines()
+    (lr,) = [line for line in lines if "optim.lr" in line]
     assert lr == f"- optim.lr={trial.params['optim.lr']}", "with its own values"
 
 
@@ -105,10 +102,8 @@ def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(tmp_
     for number, (interventions, cte_m) in enumerate(drives):
         folder = write_run(tmp_path / str(number), 1.0, cte_m=cte_m)
         metrics = json.loads((folder / "metrics.json").read_text())
-        metrics["drive"]["tracks"]["lake"] |= {
-            "interventions": [interventions, 0.0],
-            "driven_s": [180.0, 0.0],
-        }
+        driven = {"interventions": [interventions, 0.0], "driven_s": [180.0, 0.0]}
+        metrics["drive"]["tracks"]["lake"] |= driven
         (folder / "metrics.json").write_text(json.dumps(metrics))
         values.append(_value(folder, "drive/score"))
     assert values == sorted(values, reverse=True)
