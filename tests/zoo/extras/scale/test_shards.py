@@ -183,9 +183,7 @@ def test_rows_without_an_image_and_damaged_ones(source: Written, tmp_path: Path)
     assert after.images[4, 1] is None
 
 
-def test_an_address_trains_on_what_the_folder_does_within_its_cache(
-    shards: Path, server: Server, tmp_path: Path
-) -> None:
+def test_an_address_trains_as_its_folder(shards: Path, server: Server, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     local, remote = loaded(shards, cache), loaded("s3://bucket/shards", cache)
     sizes = []
@@ -267,9 +265,8 @@ def test_the_cap_draws_from_the_same_window(shards: Path) -> None:
     samples = make_samples(recording, np.arange(ROWS), ["center", "left", "right"], offset=0.3)
     shard = np.repeat(np.arange(ROWS // 2), 6)
     window = shard_windows(shard, 5, 1, 0)
-    capped = epoch_batches(
-        samples, 30, 0, 1, shard=shard, window_shards=5, straight_cap=0.1, straight_threshold=0.25
-    )
+    keys = {"shard": shard, "window_shards": 5, "straight_cap": 0.1, "straight_threshold": 0.25}
+    capped = epoch_batches(samples, 30, 0, 1, **keys)
     for number, batch in enumerate(capped):
         assert (np.abs(samples.steering[batch]) < 0.25).sum() <= 3
         assert set(window[batch]) == {number}
