@@ -197,10 +197,7 @@ def test_errors_of_the_hub_are_one_line(shared: StandIn, tmp_path: Path) -> None
         (("push", "CKPT"), "repo=user/name"),
         (("push", "CKPT", "repo=tiny"), "write user/name"),
         (("push", "CKPT", "repo=./card", "license=MIT License"), "abbreviation"),
-        (
-            ("push", "CKPT", "repo=./card", "send=true"),
-            "send: nothing is sent to the folder ./card",
-        ),
+        (("push", "CKPT", "repo=./card", "send=true"), "send: nothing is sent to the folder"),
         (("push", "lenet.onnx", "repo=./card"), "name the checkpoint that it was exported from"),
     ],
 )
