@@ -89,10 +89,8 @@ def test_each_step_is_a_command(studio: Served, here: Path) -> None:
     assert studio.line(step="preview", recipe="lenet", augment=["shadow"]) == [
         "drivezoo preview experiment=lenet 'augment=[shadow]'"
     ]
-    assert (
-        studio.line(step="watch", first="lenet", second="lenet", track="zoo_mountain")
-        == ["drivezoo evaluate lenet track=zoo_mountain"] * 2
-    )
+    both = studio.line(step="watch", first="lenet", second="lenet", track="zoo_mountain")
+    assert both == ["drivezoo evaluate lenet track=zoo_mountain"] * 2
     assert studio.line(step="watch", first="lenet", folder="my laps") == [
         "drivezoo evaluate lenet 'replay=my laps'"
     ]
@@ -171,9 +169,7 @@ def test_another_host_needs_a_key(here: Path) -> None:
 
 
 @pytest.mark.parametrize("host", ["::1", "192.0.2.1"])
-def test_a_host_that_is_none_of_this_machine_is_named_without_its_port(
-    host: str, here: Path
-) -> None:
+def test_a_host_of_another_machine_is_named_without_its_port(host: str, here: Path) -> None:
     options = (f"host={host}", "key=long enough")
     line = only_line(run_here(here, *options, module="zoo.extras.studio.studio"))
     assert line.startswith(f"drivezoo studio: host={host}: ")
