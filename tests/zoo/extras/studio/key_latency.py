@@ -40,10 +40,8 @@ class KeyLatency:
 
     def __str__(self) -> str:
         p50, p95 = np.percentile(self.ms, [50, 95])
-        return (
-            f"{len(self.ms)} keys: p50 {p50:.0f} ms, p95 {p95:.0f} ms; {self.frames_per_s:.1f} "
-            "frames/s"
-        )
+        keys = f"{len(self.ms)} keys: p50 {p50:.0f} ms, p95 {p95:.0f} ms"
+        return f"{keys}; {self.frames_per_s:.1f} frames/s"
 
 
 def press(browser: Browser, code: str, down: bool) -> None:
@@ -70,12 +68,9 @@ def measure(browser: Browser, keys: int, throttle: bool = True) -> KeyLatency:
 def main(keys: int = 100) -> None:
     with tempfile.TemporaryDirectory() as folder:
         options = ("port=0", "quality=fast", f"out={folder}/laps")
-        process = subprocess.Popen(
-            command("zoo.commands.simulator", "drive", *options),
-            env=environment(),
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        words = command("zoo.commands.simulator", "drive", *options)
+        streams = {"stdout": subprocess.PIPE, "text": True}
+        process = subprocess.Popen(words, env=environment(), **streams)
         with process, Browser(Path(folder, "profile"), 1280, 800) as browser:
             browser.open(re.search(r"http://\S+", process.stdout.readline()).group())
             browser.wait_for("document.querySelector('[data-fact=lap]')?.textContent === '1'")
