@@ -45,13 +45,9 @@ def upload(browser: Browser, path: Path) -> None:
 
 
 def test_a_person_drives_records_trains_and_watches(here: Path) -> None:
-    process = subprocess.Popen(
-        command("zoo.extras.studio.studio", "port=0"),
-        cwd=here,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    words = command("zoo.extras.studio.studio", "port=0")
+    streams = {"stdout": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(words, cwd=here, env=environment(), **streams)
     began = time.monotonic()
 
     def report(step: str) -> None:
