@@ -78,11 +78,9 @@ def test_a_view_is_opencvs_exactly(colour: str, resize: str, frame: tuple, tmp_p
         view, source = View(crop, colour, size, resize, frame), CSource(floats=1)
         write_view(view, source)
         function = "void seen(const uint8_t *rgb, float *out)"
-        text = source.text(
-            "#include <stdint.h>", f"{function};\n{function}\n{{\n(void)work; view(rgb, out);\n}}"
-        )
+        body = f"{function};\n{function}\n{{\n(void)work; view(rgb, out);\n}}"
         file, library = tmp_path / "view.c", tmp_path / f"view{number}.so"
-        file.write_text(text)
+        file.write_text(source.text("#include <stdint.h>", body))
         words = [str(COMPILER), *STRICT, "-shared", "-fPIC", str(file), "-o", str(library)]
         subprocess.run(words, check=True)
         seen = ctypes.CDLL(str(library)).seen
@@ -252,11 +250,8 @@ def test_without_a_compiler_it_says_that_nothing_was_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.setattr(compiled_policy, "COMPILERS", ())
-    frames = str(tmp_path / "nowhere")
-    monkeypatch.setattr(
-        "zoo.scoring.parity.take_frames",
-        lambda *_: Frames(drawn_frames((160, 320)), [0.0] * 4, frames),
-    )
+    drawn = Frames(drawn_frames((160, 320)), [0.0] * 4, str(tmp_path / "nowhere"))
+    monkeypatch.setattr("zoo.scoring.parity.take_frames", lambda *_: drawn)
     export_checkpoint("tiny41", str(tmp_path / "steer.c"), None, Console(), to="c")
     assert "not compared" in capsys.readouterr().out
 
