@@ -108,9 +108,7 @@ def test_a_round_leaves_its_recording_run_checkpoint_and_score(corrected: Path) 
     assert (run_folder / ".hydra" / "config.yaml").is_file()
 
 
-def test_a_round_starts_from_the_checkpoints_weights_and_split(
-    corrected: Path, checkpoint: str, recorded: Written
-) -> None:
+def test_a_round_continues_a_training(corrected: Path, checkpoint: str, recorded: Written) -> None:
     config = load_checkpoint(rounds_of(corrected)[1]["checkpoint"]).config
     assert config["data"]["root"] == [str(recorded.folder), f"{corrected}/round-1/recording"]
     assert config["data"]["weights"] == [1.0, 4.0]
@@ -289,9 +287,7 @@ def test_a_mistake_writes_nothing(option: str, text: str, checkpoint: str, tmp_p
     assert not (tmp_path / "out").exists()
 
 
-def test_a_network_of_another_format_cannot_be_trained_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_other_format_is_trained_on(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     correct.main(["--help"])
     assert ".onnx" not in capsys.readouterr().out
     (tmp_path / "model.onnx").write_bytes(b"any")
@@ -401,10 +397,8 @@ def test_a_nudge_leads_off_the_line() -> None:
 
 
 def test_frames_around_interventions_and_far_off_are_kept() -> None:
-    rows = [
-        DriveRow(time_s=number / 10, cross_track_m=1.5 if number == 5 else 0.0)
-        for number in range(100)
-    ]
+    rows = [DriveRow(time_s=number / 10, cross_track_m=0.0) for number in range(100)]
+    rows[5] = DriveRow(time_s=0.5, cross_track_m=1.5)
     rows[50] = DriveRow(time_s=5.0, cross_track_m=-4, intervention=True)
     rows[51] = DriveRow(time_s=5.0, cross_track_m=0)  # put back, at the same time
     assert np.flatnonzero(worth_keeping(rows, 1.0, 0.5, None)).tolist() == list(range(40, 55))
