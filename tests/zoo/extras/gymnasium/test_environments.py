@@ -213,11 +213,7 @@ def test_a_number_that_no_car_has_is_unknown(value: float) -> None:
         (MAPPED.replace("full: -0.5", "full: 2"), "", r"steering: full: 2; .* 1 is -0.5..0.5"),
         (MAPPED.replace("component: 2", "component: 3"), "", r"brake: component: 3; it has 3"),
         (MAPPED.replace("speed:", "lap:"), "", r"gives no speed to hold; .*speed:"),
-        (
-            MAPPED + "interventions: [observation.0]",
-            "",
-            r"interventions: observation.0 has 288 values",
-        ),
+        (MAPPED + "interventions: [observation.0]", "", r"interventions: .* has 288 values"),
         (MAPPED, "grey", r"observation.0 is uint8 \[8, 12, 1\], .* image:"),
         (MAPPED, "size", r"image changed from \(8, 12, 3\) to \(9, 12, 3\)"),
         (MAPPED, "reset", r"^track=small.yaml: its reset raised RuntimeError: no road$"),
