@@ -15,6 +15,7 @@ import pytest
 
 from datamodules.recording_format import read_recordings
 from tests.datamodules.exchange.test_tub import record, write_tub
+from tests.refusals import refusal
 from tests.zoo.extras.donkey.donkey_process import Process, donkey_simulator
 from zoo.base.errors import InputError
 from zoo.base.rig import RIGS
@@ -87,8 +88,7 @@ def test_a_client_names_roads_of_families_and_no_files(notes: list[str], tmp_pat
     assert notes == []
     path = tmp_path / "own.yaml"
     shutil.copy(road_folder() / "alpine.yaml", path)
-    with pytest.raises(InputError, match="load_scene"):
-        say(session, "load_scene", scene_name=f"{path}:1")
+    assert "load_scene" in refusal(say, session, "load_scene", scene_name=f"{path}:1")
     session.close()
 
 
@@ -311,8 +311,7 @@ def test_objects_come_in_pieces_and_together() -> None:
     ],
 )
 def test_what_is_no_message_is_refused(data: bytes, reason: str) -> None:
-    with pytest.raises(InputError, match=reason):
-        list(MessageStream().split(data))
+    assert reason in refusal(list, MessageStream().split(data))
 
 
 class Client:
