@@ -52,8 +52,8 @@ def duration(run: ReportedRun) -> list[Block]:
 def curves(run: ReportedRun) -> list[Block]:
     """Return the training's curves."""
     caption = (
-        "Training loss and validation MSE by epoch. The training loss is computed on balanced, "
-        "flipped and augmented samples with dropout, so it is usually above the validation MSE."
+        "Training loss and validation MSE by epoch. The training loss, with the run's "
+        "augmentation and dropout, is usually above the validation MSE."
     )
     return [Images([run.plot("training_curves", caption)])]
 
