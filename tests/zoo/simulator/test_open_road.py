@@ -106,9 +106,8 @@ def test_random_starts_leave_road_ahead(way):
 @both_ways
 def test_an_episode_terminates_at_the_end(road_file, way):
     small = {"quality": "simple", "width": 64, "height": 32}
-    env = gymnasium.wrappers.TimeLimit(
-        DrivingEnv(road_file, direction=way, random_start=False, **small), 2000
-    )
+    road = DrivingEnv(road_file, direction=way, random_start=False, **small)
+    env = gymnasium.wrappers.TimeLimit(road, 2000)
     expert = Expert(env.unwrapped.world.track)
     env.reset(seed=1, options={"speed_mph": 20})
     rewards, terminated, truncated = [], False, False
