@@ -186,10 +186,8 @@ def test_the_mountain_of_version_1_has_leaves_on_both_sides_and_no_line(quality:
 
 
 def test_mounds_rise_beside_the_road_and_not_on_it() -> None:
-    mounds = [[50, 30, 40, 12]]
-    flat, raised = (
-        Ground(loop(surroundings={"hills": 0, **more})) for more in ({}, {"mounds": mounds})
-    )
+    mounds = {"mounds": [[50, 30, 40, 12]]}
+    flat, raised = (Ground(loop(surroundings={"hills": 0, **more})) for more in ({}, mounds))
     road = loop().at(50)[:2]
     places = np.array([[50.0, 30.0], road + (0, 11), road])
     rise = raised.height(places) - flat.height(places)
