@@ -51,9 +51,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_mildest_failure_replays_to_the_frame(
-    checkpoint: Path, tmp_path: Path, console: Console
-) -> None:
+def test_the_mildest_failure_replays(checkpoint: Path, tmp_path: Path, console: Console) -> None:
     folder = tmp_path / "found=1"
     files = (f"out={folder}", f"table={tmp_path / 'features.csv'}")
     options = read_options(SearchOptions, [*SHORT, "budget=4", "workers=1", *files])
@@ -221,9 +219,7 @@ def narrow_fails(chosen: list[Candidate]) -> list[Outcome]:
         min(width for _, width in road.content.get("widths", [[0, road.content["width"]]]))
         for road in chosen
     ]
-    return [
-        Outcome(width < 5.4, 30.0, 5.0, 1.0 if width < 5.4 else 5.4 / width, 0) for width in widths
-    ]
+    return [Outcome(width < 5.4, 30.0, 5.0, min(1.0, 5.4 / width), 0) for width in widths]
 
 
 def searched(options: SearchOptions) -> tuple[list[Driven], Archive]:
