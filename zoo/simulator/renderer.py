@@ -6,10 +6,10 @@ small ones. Near materials are drawn first, because pixels hidden behind them ar
 """
 
 import pickle
-from contextlib import suppress
 from dataclasses import fields
 from functools import lru_cache
 from itertools import zip_longest
+from threading import Lock
 
 import cv2
 import numpy as np
@@ -54,6 +54,7 @@ Piece = tuple[Mesh, core.GeomVertexData]  # a mesh and the renderer's copy of it
 Opened = tuple[core.GraphicsEngine, core.GraphicsOutput, str]  # with the renderer's name
 # Buffers of closed renderers. Panda3D 1.10 frees no buffer, which is 0.4 MB for each drive.
 IDLE: list[Opened] = []
+DRAWING = Lock()  # the software renderer draws wrong frames in two threads at once
 
 
 class Renderer:
@@ -77,7 +78,8 @@ class Renderer:
         self.track, self.rig = track, rig
         self.first = next(iter(rig.cameras.values()))
         self.size = self.first.size
-        opened = _take_idle(renderer, *self.size) or open_buffer(renderer, *self.size)
+        with DRAWING:
+            opened = _take_idle(renderer, *self.size) or open_buffer(renderer, *self.size)
         self.engine, self.buffer, self.name = opened
         self.texture = core.Texture()
         self.buffer.addRenderTexture(self.texture, core.GraphicsOutput.RTMCopyRam)
@@ -121,7 +123,8 @@ class Renderer:
             tick: number of the frame, which seeds its rain and noise.
         """
         self.place_camera(self.camera, pose, camera)
-        self.engine.renderFrame()
+        with DRAWING:
+            self.engine.renderFrame()
         pixels = np.frombuffer(self.texture.getRamImage(), np.uint8)  # blue first, lowest row first
         pixels = pixels.reshape(*self.size[::-1], self.texture.getNumComponents())
         return self.air(cv2.flip(cv2.cvtColor(pixels, RGB_FROM[pixels.shape[2]]), 0), camera, tick)
@@ -232,10 +235,9 @@ def _take_idle(renderer: str, width: int, height: int) -> Opened | None:
     wanted = width, height, "software" if renderer == "auto" else renderer
     for opened in list(IDLE):
         _, buffer, name = opened
-        with suppress(ValueError):  # another thread has taken it
-            if (buffer.getXSize(), buffer.getYSize(), name) == wanted:
-                IDLE.remove(opened)
-                return opened
+        if (buffer.getXSize(), buffer.getYSize(), name) == wanted:
+            IDLE.remove(opened)
+            return opened
     return None
 
 
@@ -254,11 +256,10 @@ def open_buffer(renderer: str, width: int, height: int) -> Opened:
     pipes = core.GraphicsPipeSelection.getGlobalPtr()
     for name in ("software", "opengl") if renderer == "auto" else (renderer,):
         # By its type, because the module's default pipe connects to a display if there is one.
-        pipe = (
-            pipes.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
-            if name == "software"
-            else pipes.makeModulePipe("p3headlessgl")
-        )
+        if name == "software":
+            pipe = pipes.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
+        else:
+            pipe = pipes.makeModulePipe("p3headlessgl")
         if pipe is not None:
             engine, buffer = _make_buffer(pipe, width, height)
             if buffer is not None:
