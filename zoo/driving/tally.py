@@ -59,7 +59,8 @@ class Tally:
     def __init__(self) -> None:
         self.telemetry = self.fallbacks = 0
         self.counts: Counter[str] = Counter()  # interventions by kind
-        self.driven_s = self.served_s = self.speed_s = self.unjudged_s = 0.0
+        # `speed_s` is the integral of the speed over `known_s`, in which it is known.
+        self.driven_s = self.served_s = self.known_s = self.speed_s = self.unjudged_s = 0.0
         self.latency = LatencyHistogram()
 
     @property
@@ -90,7 +91,7 @@ class Tally:
         Args:
             elapsed_s: seconds since the client's last telemetry, by the simulator's clock.
             served_s: seconds since the client's last telemetry, by the wall clock.
-            speed_mph: speed of the car.
+            speed_mph: speed of the car; NaN, for unknown, is left out of the mean.
             judged: whether the client sends its cross-track error; None before its first readable
                 telemetry, until when nothing is driven.
         """
@@ -100,17 +101,18 @@ class Tally:
         if elapsed_s <= LONGEST_STEP_S and judged is not None:
             self.driven_s += elapsed_s
             self.unjudged_s += 0.0 if judged else elapsed_s
-            self.speed_s += elapsed_s * speed_mph
+            if not math.isnan(speed_mph):
+                self.known_s += elapsed_s
+                self.speed_s += elapsed_s * speed_mph
 
     def figures(self) -> dict:
         """Return the figures that `drive.json` holds of a drive on a socket."""
-        driven = self.driven_s
         return {
-            "driven_s": driven,
+            "driven_s": self.driven_s,
             "telemetry": self.telemetry,
             "telemetry_per_s": self.telemetry / self.served_s if self.served_s else math.nan,
             "latency_percentiles_ms": {f"p{p}": self.latency.percentile(p) for p in (50, 95, 99)},
-            "mean_speed_mph": self.speed_s / driven if driven else math.nan,
+            "mean_speed_mph": self.speed_s / self.known_s if self.known_s else math.nan,
             "interventions": self.interventions,
             **{key: self.counts[kind] for kind, key in KEYS.items()},
             "autonomy": self.autonomy,

@@ -9,6 +9,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from datamodules.recorded_car import write_rig_of
 from zoo.base.errors import InputError, file_errors
 from zoo.base.new_folder import written_folder
@@ -157,7 +159,7 @@ class BackgroundWriter:
             name = image_name("center", self._moment(row.time_s, begins))
             path = self.folder / IMAGE_FOLDER / name
             write_new(path, image)
-            numbers = (row.steering, *split_pedals(row.throttle), row.speed_mph)
+            numbers = (row.steering, *split_pedals(row.throttle), np.nan_to_num(row.speed_mph))
             # There is one camera, so that the columns of the side cameras stay empty.
             self._recording.append([[path, "", "", *map(number_text, numbers)]])
         except (OSError, InputError) as error:

@@ -151,8 +151,8 @@ class Driver:
         """Count the intervention that a telemetry shows; return its kind, None for none."""
         for kind, detail in telemetry.oddities:
             self.notices.report(kind, detail)
-        if telemetry.speed_mph is not None:
-            session.speed_mph = telemetry.speed_mph
+        mph = session.speed_mph = telemetry.speed_mph
+        session.seen_mph = session.seen_mph if math.isnan(mph) else mph
         held = self.paused or session.controller.set_mph == 0
         lost = session.judge(telemetry, now_s, held)
         if lost is not None:
@@ -182,11 +182,10 @@ class Driver:
             raise ValueError(f"its steering is {command.steering}, its throttle {command.throttle}")
         steering = session.steer(float(command.steering), now_s)
         command = replace(command, steering=steering)
-        mph = math.nan if telemetry.speed_mph is None else telemetry.speed_mph
-        throttle = session.controller.pedal(command, mph, now_s)
+        throttle = session.controller.pedal(command, session.speed_mph, now_s)
         session.send(steering)
         if self.paused:
-            throttle = limit_pedal(GENTLE_BRAKE, mph)
+            throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
         row = DriveRow(
             time_s=self._time(now_s),
             client=session.number,
@@ -210,7 +209,7 @@ class Driver:
         if waits:
             session.restart()
             if lost is not None:  # the simulator puts the car back at this speed
-                mph = session.controller.set_mph or session.speed_mph
+                mph = session.controller.set_mph or session.seen_mph
                 values[PUT_BACK] = number_text(mph, session.decimal or ".")
         return Reply("steer", values, row, image, begins)
 
@@ -282,10 +281,8 @@ class Driver:
             raise ValueError("this speed= holds no speed; restart with speed=pi")
         if not (math.isfinite(set_mph) and 0 <= set_mph <= 100):
             raise ValueError(f"set_mph={set_mph}: must be in 0..100")
-        for controller in (
-            self._controller,
-            *(session.controller for session in self.sessions.values()),
-        ):
+        controllers = [session.controller for session in self.sessions.values()]
+        for controller in (self._controller, *controllers):
             controller.set_mph = float(set_mph)
 
     def switch(self, path: Path | str) -> None:

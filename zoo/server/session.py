@@ -34,7 +34,8 @@ class Session:
         self.can_put_back = False
         self._margin_m = margin_m
         self.decimal: str | None = None
-        self.steering = self.speed_mph = 0.0
+        self.speed_mph = math.nan
+        self.steering = self.seen_mph = 0.0  # a NaN stays in a network's memory
         self.last_s = self.heard_s = -math.inf
         self.overridden = False
         self.begins = False  # whether the next frame is the first of another place, or car
@@ -76,7 +77,7 @@ class Session:
         self.can_put_back = telemetry.can_put_back
         if self._margin_m is None and telemetry.lane_m and telemetry.lane_m > 0:
             self.rule.margin_m = telemetry.lane_m
-        mph = math.inf if held or telemetry.speed_mph is None else telemetry.speed_mph
+        mph = math.inf if held else telemetry.speed_mph
         kind = self.rule.judge(now_s, mph, telemetry.cross_track_m, telemetry.at_wall)
         return kind if self.sends_cross_track else None
 
@@ -116,8 +117,8 @@ class Session:
             self._meter = latency_meter(self._policy)
         if self._meter is not None and telemetry.steering is not None:
             self._meter.report(telemetry.steering, now_s)
-        asked = policy, telemetry.image, self.speed_mph
+        asked = policy, telemetry.image, self.seen_mph
         if asked != self._asked:
-            self._command = self._policy(telemetry.frame, self.speed_mph)
+            self._command = self._policy(telemetry.frame, self.seen_mph)
             self._asked = asked
         return self._command

@@ -46,7 +46,7 @@ class Telemetry:
     Attributes:
         frame: uint8 [H, W, 3] RGB, decoded as in training.
         image: bytes of the frame as sent, JPEG or PNG.
-        speed_mph: speed of the car, 0 or more; None if it is unknown.
+        speed_mph: speed of the car, 0 or more; NaN if it is unknown.
         steering: steering of the wheels, -1..1; None if it is unknown.
         cross_track_m: distance from the centreline in metres, positive is right; NaN if the
             simulator does not send it.
@@ -60,7 +60,7 @@ class Telemetry:
 
     frame: np.ndarray
     image: bytes
-    speed_mph: float | None
+    speed_mph: float
     steering: float | None
     cross_track_m: float
     lane_m: float | None
@@ -104,8 +104,8 @@ def read_telemetry(data: object) -> Telemetry:
     oddities = []
     speed = parse_number(data.get("speed"), MOST_MPH)
     if speed is None:
-        text = f"{data.get('speed')!r:.40}"
-        oddities.append(("speed is unknown; no speed is held", text))
+        speed = math.nan
+        oddities.append(("speed is unknown; no speed is held", f"{data.get('speed')!r:.40}"))
     elif speed < 0:
         oddities.append(("speed is negative; 0 is used", f"{speed:g}"))
         speed = 0.0

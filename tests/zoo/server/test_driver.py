@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.recording_format import read_recordings
 from datamodules.view import View
 from tests.zoo.server.old_client import telemetry
 from tests.zoo.server.serve import picture, red_policy
@@ -14,7 +15,7 @@ from zoo.base.errors import InputError
 from zoo.base.notices import Notices
 from zoo.base.rig import CURVATURE, RIGS, UDACITY, Rig
 from zoo.checkpoints.policy_base import Command, Policy, as_policy
-from zoo.driving.drive_log import SUMMARY_NAME, read_summary
+from zoo.driving.drive_log import SUMMARY_NAME, read_drive, read_summary
 from zoo.driving.drive_record import FALLBACK
 from zoo.driving.speed_controller import PI, Constant, SpeedController, SteeringFilter
 from zoo.driving.tally import autonomy_line
@@ -105,6 +106,19 @@ def test_a_car_without_a_speed_is_not_said_to_stand(make: Make, speed: object) -
         driver.answer(session, frame(number, speed=speed, cte=0.0), number / 10)
     line = autonomy_line(driver.tally.figures())
     assert line == "autonomy: not measured (the car did not move, or sent no speed)"
+
+
+def test_a_car_without_a_speed_is_left_out_of_the_mean_speed(make: Make) -> None:
+    driver = make(record=True)
+    unknown, known = driver.connect("a"), driver.connect("b")
+    for number in range(20):
+        driver.sent(driver.answer(unknown, frame(number, speed=None), number / 10), 1.0)
+        driver.sent(driver.answer(known, MOVING, number / 10), 1.0)
+    assert driver.tally.figures()["mean_speed_mph"] == pytest.approx(9)
+    drive = read_drive(driver.end(datetime.now()))
+    assert (drive.summary["speed_mph"], drive.summary["stalled"]) == (9, 0)
+    assert np.isnan(drive.speed_mph[drive.client == 1]).all()
+    assert read_recordings([drive.folder]).speed_mph.tolist() == [0] * 20
 
 
 def test_a_paused_car_of_unknown_speed_does_not_reverse(make: Make) -> None:
