@@ -30,6 +30,7 @@ START = "start it, or: drivezoo simulator serve"
 SILENT_S = 20.0  # for a simulator to answer; it loads a scene in seconds
 LEAVING_S = 1.0  # for a simulator to take the last control
 MOST_LINE = 16_000_000  # bytes of a message
+MOST_DAMAGED = 20  # images in a row that cannot be read, 1 s of the Unity program
 MOST_OLD = 100  # telemetry messages that are skipped for a newer one
 LONGEST_LAP_S = 300.0
 RATE = 20.0  # telemetry messages per second of the Unity program
@@ -56,7 +57,7 @@ class DonkeyWorld(World):
         sockets: module `socket`, or its stand-in in a program of green threads.
 
     Attributes:
-        image: latest image as the simulator sent it, in base64.
+        image: latest image as the simulator sent it, in base64; damaged if `frame` is the last one.
         rig: car of `drivezoo simulator serve`; None for the Unity program, which does not say it.
 
     Raises:
@@ -93,7 +94,7 @@ class DonkeyWorld(World):
         self._send("reset_car")
         self._send("get_protocol_version")
         answer = self._wait_for("protocol_version")
-        self._crossings = 0  # messages before the answer are of the drive before
+        self._crossings = self._damaged = 0  # messages before the answer are of the drive before
         with suppress(InputError):  # only `drivezoo simulator serve` sends its camera and its car
             self.rig = make_rig(answer.get("rig"), self.address)
         self._stand()
@@ -203,9 +204,12 @@ class DonkeyWorld(World):
             self._telemetry = self._wait_for("telemetry")
         self.image = str(self._telemetry.get("image"))
         try:
-            frame = decode_image(base64.b64decode(self.image))
+            frame, self._damaged = decode_image(base64.b64decode(self.image)), 0
         except ValueError as error:
-            raise self._lost(f"image: {error}") from None
+            self._damaged += 1
+            if self._shape is None or self._damaged >= MOST_DAMAGED:
+                raise self._lost(f"image: {error}") from None
+            return
         if self._shape not in (None, frame.shape):
             raise self._lost(f"its frames changed from {self._shape} to {frame.shape}")
         self._frame, self._shape = frame, frame.shape

@@ -14,6 +14,7 @@ from datamodules.recording_format import read_recordings
 from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.extras.donkey.donkey_process import donkey_simulator
 from tests.zoo.extras.donkey.donkey_replica import donkey_replica, telemetry
+from tests.zoo.server.serve import red_policy
 from tests.zoo.server.test_driver import Bend
 from zoo.base.errors import InputError
 from zoo.base.notices import Notices
@@ -65,6 +66,25 @@ def test_a_failing_simulator_leaves_a_line_and_the_drive(tmp_path: Path, put_bac
     record = read_drive(tmp_path / "drive")
     assert record.summary["interventions"] == record.summary["off_road"] >= 1
     assert put_back == ("set_position" in {message["msg_type"] for message in received})
+
+
+@pytest.mark.parametrize("image", ["", "AAAA", None])
+def test_a_damaged_image_is_braked_for(tmp_path: Path, image: str | None) -> None:
+    def change(number: int, message: dict) -> dict | None:
+        damaged = {"image": image} if number == 5 else {}
+        return message | {"speed": 9.0} | damaged if number < 10 else None
+
+    notices = Notices(lambda line: None)
+    writer = BackgroundWriter(tmp_path / "drive", notices, "oval")
+    driver = Driver(red_policy, Constant(0.2), SteeringFilter(), writer, notices)
+    with donkey_replica(change) as (address, received):
+        client = DonkeyClient(driver, address, 1, put_back=True)
+        client.start()
+        while not client.ended:
+            eventlet.sleep(0.01)
+    assert (driver.tally.telemetry, driver.tally.fallbacks) == (9, 1)
+    braked = [message["brake"] for message in received if message["msg_type"] == "control"]
+    assert braked[6] == "0.2"
 
 
 def test_a_network_of_curvature_is_refused_in_an_unknown_car(tmp_path: Path) -> None:

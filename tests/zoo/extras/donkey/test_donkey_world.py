@@ -93,14 +93,16 @@ def test_a_crossing_before_the_drive_is_no_lap(kind: str) -> None:
         (lambda number, message: {} if number == 4 else message, "timed out"),
         (lambda number, message: message | {"time": "NaN"}, "time is 'NaN', no number"),
         (lambda number, message: message | {"image": "AAAA"}, "image: "),
+        (lambda number, message: message | ({"image": ""} if number > 3 else {}), "image: "),
         (lambda number, message: telemetry(number, (60, 80)) if number > 3 else message, "changed"),
         (lambda number, message: message | {"more": "x" * 20_000}, "more than"),
     ],
-    ids=["leaves", "silent", "nan", "image", "size", "endless"],
+    ids=["leaves", "silent", "nan", "image", "images", "size", "endless"],
 )
 def test_a_failure_is_named(monkeypatch: pytest.MonkeyPatch, change: Change, reason: str) -> None:
     monkeypatch.setattr(donkey_world, "SILENT_S", 0.5)
     monkeypatch.setattr(donkey_world, "MOST_LINE", 20_000)
+    monkeypatch.setattr(donkey_world, "MOST_DAMAGED", 3)
     with donkey_replica(change) as (address, _), pytest.raises(InputError, match=reason) as caught:
         step_through(address)
     assert address in str(caught.value)
