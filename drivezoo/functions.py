@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -371,7 +371,7 @@ def read_benchmark(path: str | Path) -> Benchmarked:
 
 @one_line_errors
 def write_table(
-    rows: Sequence[Mapping[str, Cell]], path: str | Path, overwrite: bool = False
+    rows: Iterable[Mapping[str, Cell]], path: str | Path, overwrite: bool = False
 ) -> Path:
     """Write rows of figures as a .csv, .tex or .parquet file; return its path.
 

@@ -246,6 +246,11 @@ def test_a_table_of_another_kind_is_refused_before_driving(name: str, tmp_path: 
     assert not (tmp_path / "out").exists()
 
 
+def test_rows_of_a_generator_are_written(tmp_path: Path) -> None:
+    path = drivezoo.write_table(({"a": number} for number in range(3)), tmp_path / "a.csv")
+    assert path.read_text() == "a\n0\n1\n2\n"
+
+
 def test_a_name_that_is_not_utf8_is_written_to_parquet(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = drivezoo.write_table([{"run": "lap\udcff", "mse": 1.5}], tmp_path / "a.parquet")

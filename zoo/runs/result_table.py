@@ -64,13 +64,13 @@ class Table:
         return cls([Column(*row) for row in zip(headings, headings, cells, strict=True)], caption)
 
     @classmethod
-    def of_figures(cls, rows: Sequence[Mapping[str, Cell]]) -> "Table":
+    def of_figures(cls, rows: Iterable[Mapping[str, Cell]]) -> "Table":
         """Return rows of figures as a table whose printed numbers have four digits.
 
         >>> Table.of_figures([{"network": "lenet", "autonomy": 0.98765}, {"network": None}]).cells
         [('lenet', '0.9877'), ('-', '-')]
         """
-        columns = []
+        rows, columns = list(rows), []
         for name in dict.fromkeys(name for row in rows for name in row):
             values = [row.get(name) for row in rows]
             columns.append(Column(name, name, list(map(_text, values)), {name: values}))
