@@ -251,6 +251,12 @@ def test_rows_of_a_generator_are_written(tmp_path: Path) -> None:
     assert path.read_text() == "a\n0\n1\n2\n"
 
 
+def test_numbers_of_numpy_are_rounded_as_those_of_python(tmp_path: Path) -> None:
+    row = {"a": 1.234567, "b": np.float32(1.234567), "c": np.int64(1234567)}
+    path = drivezoo.write_table([row], tmp_path / "a.md")
+    assert path.read_text().splitlines()[-1] == "| 1.235 | 1.235 | 1234567 |"
+
+
 def test_a_name_that_is_not_utf8_is_written_to_parquet(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = drivezoo.write_table([{"run": "lap\udcff", "mse": 1.5}], tmp_path / "a.parquet")

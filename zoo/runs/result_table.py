@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from zoo.base.errors import UsageError, hint
 from zoo.base.file_text import csv_text, html_text, markdown_cell, tex_text
 
@@ -339,8 +341,7 @@ def fitted_table(
         table.add_column(Text(heading), justify="left" if heading else "right", overflow="fold")
     for column in shown:
         table.add_column(Text(column.heading), justify="right", no_wrap=True)
-    columns = (column.cells for column in [*names, *shown])
-    for number, cells in enumerate(zip(*columns, strict=True)):
+    for number, cells in enumerate(Table([*names, *shown]).cells):
         table.add_row(*map(Text, cells), style=None if number else "bold")
     return table, left_out
 
@@ -348,7 +349,7 @@ def fitted_table(
 def _text(value: Cell) -> str:
     if value is None:
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float | np.floating) else str(value)
 
 
 def _html(text: str) -> str:
