@@ -52,7 +52,7 @@ class Driver:
         load: function that loads a policy from a checkpoint's path, for `switch`.
         margin_m: distance from the centreline in metres above which the car has left the lane; None
             for the edge line, as the simulator sends it.
-        track: name of the track; None if unknown.
+        track: name of the first simulator's track; None if unknown.
     """
 
     def __init__(
@@ -251,7 +251,7 @@ class Driver:
     def end(self, began: datetime) -> Path | None:
         """Write `drive.json` and print the summary; return the folder, None without a frame."""
         figures = self.tally.figures() | {
-            "track": self.track,
+            "track": self.track if self.clients == 1 else None,
             "checkpoint": ", ".join(self._engines) or self.checkpoint,
             "engines": list(chain.from_iterable(self._engines.values())),
             "began": began.isoformat(timespec="seconds"),

@@ -214,6 +214,14 @@ def test_a_drive_names_each_network_that_drove(make: Make) -> None:
     assert (summary["checkpoint"], summary["engines"]) == ("first, second", [])
 
 
+@pytest.mark.parametrize("names", ["a", "ab"])
+def test_a_track_is_named_if_one_simulator_drove(make: Make, names: str) -> None:
+    driver = make(track="lake")
+    for name in names:
+        driver.sent(driver.answer(driver.connect(name), MOVING), 1.0)
+    assert read_drive(driver.end(datetime.now())).track == ("lake" if names == "a" else "")
+
+
 def test_the_latest_state_is_that_of_the_first_simulator_that_drives(make: Make) -> None:
     driver = make()
     assert driver.latest().frame is None
