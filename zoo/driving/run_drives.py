@@ -135,8 +135,7 @@ def run_drives(
 
 def all_drives(*arguments: Any, **keywords: Any) -> list[Any]:
     """Return the results of `run_drives` in the order of the scenarios."""
-    results = dict(run_drives(*arguments, **keywords))
-    return [results[number] for number in range(len(results))]
+    return [result for _, result in sorted(run_drives(*arguments, **keywords))]
 
 
 def check_throttle(policy: Policy, throttle: str) -> None:
@@ -165,7 +164,8 @@ def one_thread() -> Iterator[None]:
     try:
         yield
     finally:
-        torch.set_num_threads(threads)
+        if threads > 1:  # a thread that starts during another one's drive finds 1
+            torch.set_num_threads(threads)
 
 
 def _drive_once(

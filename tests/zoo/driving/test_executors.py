@@ -1,14 +1,16 @@
-"""Executors of drives: that of another package, and those that there are not."""
+"""Executors of drives: that of another package, those that there are not, and a user's threads."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+import torch
 
 from tests.contracts.outside_package import installed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import EXECUTORS
-from zoo.driving.run_drives import all_drives
+from zoo.driving.run_drives import all_drives, one_thread
 from zoo.driving.scenario import Scenario
 
 CODE = """
@@ -36,3 +38,14 @@ def test_an_executor_of_a_package_drives(tmp_path: Path, capsys: pytest.CaptureF
         pytest.raises(InputError, match=r"^outside_part:opened: the executor mine cannot"),
     ):
         all_drives(checkpoint, [scenario], executor="mine")
+
+
+def test_overlapping_drives_of_threads_keep_torchs_number_of_threads() -> None:
+    torch.set_num_threads(2)
+    first, second = one_thread(), one_thread()
+    with ThreadPoolExecutor(1) as a, ThreadPoolExecutor(1) as b, ThreadPoolExecutor(1) as later:
+        for thread, drive in ((a, first), (b, second)):
+            thread.submit(drive.__enter__).result()
+        for thread, drive in ((a, first), (b, second)):
+            thread.submit(drive.__exit__, None, None, None).result()
+        assert later.submit(torch.get_num_threads).result() == 2
