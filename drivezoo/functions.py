@@ -373,7 +373,7 @@ def read_benchmark(path: str | Path) -> Benchmarked:
 def write_table(
     rows: Iterable[Mapping[str, Cell]], path: str | Path, overwrite: bool = False
 ) -> Path:
-    """Write rows of figures as a .csv, .tex or .parquet file; return its path.
+    """Write rows of figures as a .csv, .tex, .parquet, .md or .html file; return its path.
 
     Args:
         rows: figures by the name of their column, such as the `table()` of a result.
