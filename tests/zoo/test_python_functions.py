@@ -3,6 +3,7 @@
 import csv
 import gc
 import json
+import math
 import os
 import re
 import signal
@@ -179,6 +180,8 @@ def test_a_recording_is_replayed(tmp_path: Path) -> None:
     replay = drivezoo.replay(lambda frame, mph: (0.0, None), folder, **keys)
     assert replay.table()[0]["autonomy"] == replay.figures["autonomy"]
     assert "autonomy" in (tmp_path / "a.tex").read_text()
+    with pytest.raises(drivezoo.InputError, match=r"the driver steered NaN .* train a network"):
+        drivezoo.replay(lambda frame, mph: (math.nan, None), folder, out=tmp_path / "b")
 
 
 @pytest.fixture

@@ -62,7 +62,7 @@ def nan_line(drives: list[dict]) -> str | None:
     """Return a warning if the policy steered NaN in a drive, else None.
 
     >>> nan_line([{"track": "lake", "seed": 0, "nan_frames": 7}]).split(":")[0]
-    'the network steered NaN in 7 frames (lake-0)'
+    'the driver steered NaN in 7 frames (lake-0)'
     """
     bad = [drive for drive in drives if drive.get("nan_frames")]
     if not bad:
@@ -70,9 +70,9 @@ def nan_line(drives: list[dict]) -> str | None:
     frames = sum(drive["nan_frames"] for drive in bad)
     names = ", ".join(dict.fromkeys(f"{drive['track']}-{drive['seed']}" for drive in bad))
     return (
-        f"the network steered NaN in {counted(frames, 'frame')} ({names}): the car was steered "
-        "straight on instead, so that these figures are not the network's; train again with a "
-        "smaller optim.lr"
+        f"the driver steered NaN in {counted(frames, 'frame')} ({names}): the car was steered "
+        "straight on instead, so that these figures are not the driver's; train a network again "
+        "with a smaller optim.lr"
     )
 
 

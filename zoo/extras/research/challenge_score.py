@@ -180,7 +180,7 @@ def score_challenge(
         about = {"checkpoint": name, "recording": list(test.recording.names)}
         write_metrics_file(out, about | {"challenge": {"rmse_rad": scores, "frames": len(rows)}})
         bad = int((~np.isfinite(angles)).sum())
-        problem = f"{name}: steered NaN in {bad:,} frames; train again with a smaller optim.lr"
+        problem = f"{name}: steered NaN in {bad:,} frames; train a network with a smaller optim.lr"
         notes = list(assumptions(policy, test, len(rows), options))
         result = Challenge(out, rmse, len(rows), notes, name, problem if bad else "")
         result.written.extend(options.write_files(result))
