@@ -141,8 +141,7 @@ def serve(
         failure = client.stop()
         server.close()
         if folder := driver.end(began):
-            following = "film" if settings.record else "leaderboard"
-            print_written([folder], [following, folder])
+            print_written([folder], ["film" if settings.record else "leaderboard", folder])
     if failure and not stop.asked:  # Ctrl-C can end the simulator first
         raise InputError(failure)
     return folder
@@ -235,7 +234,7 @@ def load_warm_policy(
     path: Path,
     threads: int,
     needs_spread: bool = False,
-    engine: "Engine" = "torch",
+    engine: "Engine" = "auto",
 ) -> "Policy":
     """Load a policy and call it three times, because the first call is the slowest.
 
@@ -246,7 +245,8 @@ def load_warm_policy(
         engine: engine that runs the network, see `load_policy`.
 
     Raises:
-        InputError: the checkpoint cannot be loaded, or predicts no spread although it must.
+        InputError: the checkpoint cannot be loaded, predicts no spread although it must, or is of
+            another engine.
     """
     import numpy as np
     import torch
@@ -254,7 +254,10 @@ def load_warm_policy(
     from datamodules.view import FRAME
     from zoo.base.rig import UDACITY
     from zoo.checkpoints.checkpoint_policy import load_policy
+    from zoo.checkpoints.onnx_policy import is_onnx
 
+    if engine == "torch" and is_onnx(path):
+        raise InputError(f"engine=torch: {path} runs in onnxruntime; drop it, or drive a .ckpt")
     # torch keeps this number for each thread that loads a policy. Its default, one thread per
     # core, took 128 ms a frame instead of 1.9 ms on four shared cores.
     torch.set_num_threads(threads)
@@ -274,10 +277,8 @@ def view_line(policy: "Policy") -> str:
     """Describe a policy in one line."""
     from zoo.checkpoints.engine import engine_text  # imports torch
 
-    seen = []
-    for member in policy.members:
-        height, width, _ = member.view.shape
-        seen.append(f"{width} x {height} {member.view.colour}")
+    views = [member.view for member in policy.members]
+    seen = ["{1} x {0} {3}".format(*view.shape, view.colour) for view in views]
     what = f"{policy.name} of {policy.parameters:,} parameters"
     took = dict.fromkeys(engine_text(member.engine) for member in policy.members)
     return "; ".join([f"{what}, sees {' and '.join(dict.fromkeys(seen))}", *filter(None, took)])

@@ -180,6 +180,7 @@ def test_the_network_uses_the_threads_of_the_driver(exported: Path) -> None:
     finally:
         torch.set_num_threads(threads)
     assert policy.onnx.get_session_options().intra_op_num_threads == 2
+    assert "runs in onnxruntime" in refusal(load_warm_policy, exported, 1, engine="torch")
 
 
 def test_it_scores_as_its_checkpoint(exported: Path, checkpoint: Path, tmp_path: Path) -> None:
