@@ -174,7 +174,8 @@ def serve_clients(options: ServeOptions) -> None:
         read_track(track_of(options.scene))  # now, for a message about it
     address = options.host, options.port
     try:
-        listener = socket.create_server(address, backlog=options.clients)
+        family = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0][0]
+        listener = socket.create_server(address, family=family, backlog=options.clients)
     except OSError as error:
         reason = str(error.strerror).partition(" (")[0]  # without the address, in Python's words
         raise InputError(f"host={address[0]} port={address[1]}: {reason}; try another") from None

@@ -108,5 +108,10 @@ def test_an_address_that_cannot_be_listened_on_is_named(host: str | None, reason
             serve_clients(ServeOptions(host=host, port=port))
 
 
+def test_an_address_of_ipv6_is_listened_on() -> None:
+    with donkey_simulator("host=::1") as (port, _):
+        socket.create_connection(("::1", port), 5).close()
+
+
 def test_two_simulators_at_once_are_refused(tmp_path: Path) -> None:
     assert "sim=lake: world=donkey is driven; drop one" in only_line(drive(tmp_path, "sim=lake"))
