@@ -263,19 +263,21 @@ def _column_order(log: Path, rows: list[list[str]], notes: list[str]) -> tuple[l
             f"columns {','.join(COLUMNS)} (left and right may be missing), or read it with "
             "format=table and columns="
         )
-    numbered = [str(column) for column in range(len(words))]  # as pandas names columns
-    is_named = is_header or (bool(words) and words == numbered)
+    # As pandas numbers columns.
+    is_named = is_header or (bool(words) and words == [*map(str, range(len(words)))])
     fields = without_empty(rows[is_named] if len(rows) > is_named else [])
     index = len([*itertools.takewhile(str.isdigit, fields)])
     if is_header:
         names = [replace_undecoded(field).lower() for field in without_empty(first)]
         names = ["center" if name == "centre" else name for name in names]
+        other = ",".join(name for name in names if name not in COLUMNS)
         for name in COLUMNS:
             least = 0 if name in ("left", "right") else 1
             if not least <= names.count(name) <= 1:
                 raise InputError(
-                    f"{log}, row 1: the header names {name} {names.count(name)} times; "
-                    f"expected {','.join(COLUMNS)}"
+                    f"{log}, row 1: the header names {name} {names.count(name)} times (unknown: "
+                    f"{other or '-':.200}); name the columns {','.join(COLUMNS)}, or delete the "
+                    "line if they stand in this order"
                 )
     else:
         is_single = len([field for field in fields if IMAGE.search(field)]) == 1
@@ -324,8 +326,7 @@ def _parse_numbers(values: list[str], previous_speed: float) -> tuple[float, ...
         return tuple(map(_number, NUMBERS, values))
     readings = list(_decimal_comma_readings(values))
     if not readings:
-        numbers = ",".join(values)
-        raise InputError(f"{numbers!r:.200} are not the four numbers {','.join(NUMBERS)}")
+        raise InputError(f"{','.join(values)!r:.200} are not the four numbers {','.join(NUMBERS)}")
     return min(
         readings,
         key=lambda reading: (reading[1] * reading[2] > 0, abs(reading[3] - previous_speed)),

@@ -189,6 +189,7 @@ REFUSED = [
     (f"{GOOD}{PATHS},0,0,0\n", "row 2: 6 columns, expected 7"),
     (f"{GOOD}{PATHS},0.5,0.25,0.5,20.5,7.5,9.5,1.5,2,3\n", "row 2: 12 columns"),
     (HEADER.replace(",brake", "") + "\n", "row 1: the header names brake 0 times"),
+    ("Center,Left,Right,Steering Angle,Throttle,Break,Speed\n", "(unknown: steering angle,break)"),
     *(
         (f"{GOOD}{PATHS},{text},0,0,1\n", f"row 2: steering is {text!r}")
         for text in ("NaN", "nan", "inf", "-Infinity", "", "left")
