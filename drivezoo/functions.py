@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -115,9 +115,8 @@ class ServedDrive(Result):
 
     def result_table(self) -> Table:
         """Return one row with all figures."""
-        return Table.of_figures(
-            [{key: value for key, value in self.figures.items() if key in METRICS}]
-        )
+        figures = {key: value for key, value in self.figures.items() if key in METRICS}
+        return Table.of_figures([figures])
 
 
 def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
@@ -370,19 +369,20 @@ def read_benchmark(path: str | Path) -> Benchmarked:
 
 
 @one_line_errors
-def write_table(
-    rows: Iterable[Mapping[str, Cell]], path: str | Path, overwrite: bool = False
-) -> Path:
+def write_table(rows: Any, path: str | Path, overwrite: bool = False) -> Path:
     """Write rows of figures as a .csv, .tex, .parquet, .md or .html file; return its path.
 
     Args:
-        rows: figures by the name of their column, such as the `table()` of a result.
+        rows: mappings, figures by the name of their column, or a DataFrame; such as the `table()`
+            or `to_pandas()` of a result.
         path: file to write.
         overwrite: whether an existing file is replaced.
 
     Raises:
         InputError: the file's name has another ending, or it exists or cannot be written.
     """
+    if hasattr(rows, "notna"):  # a DataFrame has NaN where there is no figure
+        rows = rows.astype(object).where(rows.notna(), None).to_dict("records")
     with overwriting(overwrite):
         return write_result_table(Table.of_figures(rows), path)
 

@@ -260,6 +260,12 @@ def test_numbers_of_numpy_are_rounded_as_those_of_python(tmp_path: Path) -> None
     assert path.read_text().splitlines()[-1] == "| 1.235 | 1.235 | 1234567 |"
 
 
+def test_a_data_frame_is_written_as_its_rows(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    rows = pandas.DataFrame([{"a": 1.5, "b": "x"}, {"a": None, "b": None}])
+    assert drivezoo.write_table(rows, tmp_path / "a.csv").read_text() == "a,b\n1.5,x\n,\n"
+
+
 def test_a_name_that_is_not_utf8_is_written_to_parquet(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = drivezoo.write_table([{"run": "lap\udcff", "mse": 1.5}], tmp_path / "a.parquet")

@@ -336,8 +336,7 @@ def fitted_table(
         (shown if fits else left_out).append(figure)
         room -= _width(figure) + FRAME if fits else 0
     table = Printed(title=Text(title, style="table.title"), title_justify="left")
-    for column in names:  # the number of the row has no heading
-        heading = column.heading
+    for heading in Table(names).headings:  # the number of the row has no heading
         table.add_column(Text(heading), justify="left" if heading else "right", overflow="fold")
     for column in shown:
         table.add_column(Text(column.heading), justify="right", no_wrap=True)
