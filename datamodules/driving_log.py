@@ -193,7 +193,7 @@ def read_fields(log: Path, bad: BadRows) -> Iterator[tuple[int, list[str]]]:
                 bad.faults.append(f"{log}, row {line}: {closes}")
                 continue
             fields = [field.strip() for field in fields]
-            if any(fields):
+            if any(fields) and fields != ["sep=", ""]:  # by which Excel names the delimiter
                 yield line, fields
 
 

@@ -55,6 +55,8 @@ ONE_ROW: dict[str, tuple[str | bytes, tuple, tuple]] = {
     "a hair beyond full lock": (f"{PATHS},1.0000001,0,0,1", ALL, (1.0000001, 0.0, 0.0, 1.0)),
     "full lock left": (f"{PATHS},-1,0,0,1", ALL, (-1.0, 0.0, 0.0, 1.0)),
     "tabs": (f"{PATHS},0.25,0.5,0,7".replace(",", "\t"), ALL, NUMBERS),
+    "Excel's line": (f"sep=,\r\n{HEADER}\r\n{PATHS},0.25,0.5,0,7", ALL, NUMBERS),
+    "Excel's semicolons": (f"sep=;\n{PATHS.replace(',', ';')};0,25;0,5;0;7", ALL, NUMBERS),
     "bars": (f"{PATHS},0.25,0.5,0,7".replace(",", "|"), ALL, NUMBERS),
     "tabs, decimal commas": (f"{PATHS},0;25,0;5,0,7".translate({44: 9, 59: 44}), ALL, NUMBERS),
     "centre only, semicolons": (f"{CENTER};0,25;0,5;0;7", CENTRE, NUMBERS),
