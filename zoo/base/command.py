@@ -90,6 +90,9 @@ class Command(Generic[Made]):
         needed = [name for name in self.arguments if name[0] != "["]
         if len(plain) < len(needed):
             raise UsageError(f"{self.name}: not given: {', '.join(needed[len(plain) :])}")
+        is_open = self.config or any("..." in name for name in self.arguments)
+        if not is_open and len(plain) > len(self.arguments):
+            raise UsageError(f"{plain[-1]!s:.80}: {self.name} takes no further arguments")
         return self._checked(self._run(plain, self._flat(keywords)))
 
     def main(self, words: Sequence[str]) -> None:
@@ -230,8 +233,7 @@ class Command(Generic[Made]):
         }
         key_values.check_keys(values, keys, f"drivezoo {self.name} --help lists all")
         keywords = key_values.constructed(self.function, values)
-        overwrite = values.get(OVERWRITE.name, False) if self.outputs else False
-        with overwriting(key_values.convert(OVERWRITE.name, bool, overwrite)):
+        with overwriting(key_values.convert("overwrite", bool, values.get("overwrite", False))):
             return self.function(*arguments, **keywords)
 
     def _flat(self, keywords: Mapping[str, Any]) -> dict[str, Any]:
