@@ -69,10 +69,7 @@ class ReadOptions:
             said = keys.pop(number, {})
             if not isinstance(said, Mapping) or not set(said) <= set(OWN_KEYS):
                 raise UsageError(f"each: {number}: {said}: expected keys of {', '.join(OWN_KEYS)}")
-            values = {
-                key: convert(f"each: {number}: {key}", kinds[key], value)
-                for key, value in said.items()
-            }
+            values = {key: convert(f"each: {number}: {key}", kinds[key], said[key]) for key in said}
             options.append(replace(self, **values, each=None))
         if keys:
             raise UsageError(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from zoo.base.errors import UsageError
 
@@ -23,6 +23,7 @@ class SteeringUnit:
         zero: number that steers straight ahead.
     """
 
+    __pydantic_config__ = ConfigDict(extra="forbid")
     unit: Literal["share", "deg", "rad", "servo", "px"] = "share"
     full: Annotated[float, Field(gt=0, le=1e6, strict=True)] = 1.0
     right: Literal["positive", "negative"] = "positive"
@@ -56,7 +57,7 @@ def keys_and_values(key: str, value: str | Mapping | None) -> Mapping | None:
     ({'unit': 'deg', 'full': 540}, None)
 
     Raises:
-        UsageError: the text in braces is not YAML.
+        UsageError: the text in braces is not YAML, or a key in it has no value.
     """
     if not isinstance(value, str) or not value.startswith("{"):
         return value if isinstance(value, Mapping) else None
@@ -67,6 +68,8 @@ def keys_and_values(key: str, value: str | Mapping | None) -> Mapping | None:
     except ValueError as error:
         raise UsageError(f"{key}={value}: {error}; expected {{NAME: VALUE, NAME: VALUE}}") from None
     assert isinstance(content, Mapping)
+    if empty := [str(name) for name, given in content.items() if given is None]:
+        raise UsageError(f"{key}: {empty[0]}: has no value; write NAME: VALUE, with a space")
     return content
 
 

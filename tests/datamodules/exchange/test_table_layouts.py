@@ -174,6 +174,22 @@ def test_a_column_is_a_name_or_a_position(value: object, tmp_path: Path) -> None
         read(table, {"image": value, "steering": 1})
 
 
+@pytest.mark.parametrize(
+    ("key", "text", "words"),
+    [
+        ("columns", "{image:image}", "columns: image:image: .*, with a space"),
+        ("steering", "{unit:deg}", "steering: unit:deg: .*, with a space"),
+        ("steering", "{unti: deg}", "steering: unti: unexpected"),
+    ],
+)
+def test_a_missing_blank_and_an_unknown_key_are_named(
+    key: str, text: str, words: str, tmp_path: Path
+) -> None:
+    table = write(tmp_path / "set", HEADER)
+    with pytest.raises(UsageError, match=words):
+        read(table, **{key: text})
+
+
 def test_a_table_without_named_columns_names_those_that_it_has(tmp_path: Path) -> None:
     words = r"labels\.csv: has the columns image, steering; name its columns, 'data\.columns="
     with pytest.raises(UsageError, match=words):
