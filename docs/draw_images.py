@@ -51,6 +51,7 @@ NAMES = {
     "lenet-poses": "LeNet, recipe for three tracks",
     "lenet-short": "LeNet, a quarter of the samples",
     "lenet-unflipped": "LeNet, images never mirrored",
+    "lenet-unaugmented": "LeNet, brightness unchanged",
     "pilotnet": "PilotNet",
     "pilotnet-bends": "PilotNet, roads bent",
     "pilotnet-narrow": "PilotNet, a quarter as wide",
