@@ -137,8 +137,7 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
             name_parts(map(str, names))
             return function(*args, **kwargs)
         except Exception as error:
-            failure = expected_failure(error)
-            if failure is None:
+            if (failure := expected_failure(error)) is None:
                 raise
         raise failure.with_traceback(None)
 

@@ -271,6 +271,8 @@ def test_a_name_that_is_not_utf8_is_written_to_parquet(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = drivezoo.write_table([{"run": "lap\udcff", "mse": 1.5}], tmp_path / "a.parquet")
     assert parquet.read_table(path).to_pylist() == [{"run": "lap\\udcff", "mse": 1.5}]
+    with pytest.raises(drivezoo.InputError, match=r"one kind in a column .*; name a \.csv file"):
+        drivezoo.write_table([{"a": 1.0}, {"a": "x"}], tmp_path / "b.parquet")
 
 
 def test_parquet_without_its_library_names_the_extra(tmp_path: Path, monkeypatch) -> None:

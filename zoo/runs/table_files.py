@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zoo.base.command import Shown
-from zoo.base.errors import UsageError, optional_import
+from zoo.base.errors import UsageError, library_errors, optional_import
 from zoo.base.output_files import checked_file, overwriting
 from zoo.base.terminal import printable
 from zoo.base.whole_file import write_output
@@ -176,7 +176,8 @@ def parquet_bytes(table: Table) -> bytes:
         for name, values in table.figures.items()
     }
     contents = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.table(columns), contents)
+    with library_errors("table", "Parquet takes one kind in a column", "name a .csv file"):
+        pyarrow.parquet.write_table(pyarrow.table(columns), contents)
     return contents.getvalue()
 
 
