@@ -112,8 +112,12 @@ def find_driver(named: Any) -> Any:
     return named
 
 
-def find_run(named: str | Path) -> Path:
+def find_run(named: str | Path, file: str = "") -> Path:
     """Return the run's folder that a path names; `latest` is the newest below `outputs`.
+
+    Args:
+        named: path, or `latest`.
+        file: name of a file that the newest run must have.
 
     Raises:
         InputError: `latest` is named, but there is no run.
@@ -121,7 +125,7 @@ def find_run(named: str | Path) -> Path:
     path = Path(os.path.expanduser(named))  # noqa: PTH111
     if str(named) != LATEST or path.exists():
         return path
-    latest = latest_run()
+    latest = latest_run(file)
     print(error_line(LATEST, latest), file=sys.stderr, flush=True)
     return latest
 
@@ -137,10 +141,9 @@ def name_latest(argument: str) -> str:
     Raises:
         InputError: there is no run.
     """
-    key, _, value = argument.partition("=")
-    if key != WEIGHTS_KEY or value != LATEST:
+    if argument != f"{WEIGHTS_KEY}={LATEST}":
         return argument
-    return f"{key}={find_checkpoint(value)}"
+    return f"{WEIGHTS_KEY}={find_checkpoint(LATEST)}"
 
 
 def short_name(path: Path) -> str:
@@ -153,16 +156,16 @@ def short_name(path: Path) -> str:
     return packaged_name(path) or shown_path(path)
 
 
-def latest_run() -> Path:
-    """Return the folder of the newest run below `outputs` that has a checkpoint.
+def latest_run(file: str = "") -> Path:
+    """Return the folder of the newest run below `outputs` that has a checkpoint, and a file.
 
     Raises:
         InputError: there is no such run.
     """
-    runs = runs_below(OUTPUTS)
+    runs = [run for run in runs_below(OUTPUTS) if (run / file).exists()]
     if not runs:
         raise InputError(
-            f"{LATEST}: no run below {OUTPUTS.absolute()} holds a checkpoint; name a checkpoint's "
+            f"{LATEST}: no run below {OUTPUTS.absolute()} holds {file or 'a checkpoint'}; name a "
             "path, or train a network: drivezoo train"
         )
     return runs[-1]

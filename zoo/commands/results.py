@@ -7,6 +7,8 @@ from pathlib import Path
 from zoo.base.command import command
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import print_written, printable
+from zoo.checkpoints.checkpoint_path import find_run
+from zoo.runs.metrics_file import NAME as METRICS
 from zoo.runs.result_table import Cell, Table
 from zoo.runs.run_record import Run
 from zoo.runs.table_files import Result, TableFiles
@@ -88,15 +90,13 @@ def read_finished(folders: Sequence[str | Path]) -> FinishedRuns:
     Raises:
         InputError: a folder has no figures of a finished run, or they are damaged.
     """
-    runs, figures = [Run(Path(folder)) for folder in folders], []
+    runs, figures = [Run(find_run(folder, METRICS)) for folder in folders], []
     for run in runs:
         try:
             figures.append(run_figures(run))
         except (KeyError, TypeError, AttributeError) as error:  # another program wrote the run
             reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            raise InputError(
-                f"{run.folder}: its figures or config are damaged ({reason})"
-            ) from None
+            raise InputError(f"{run.folder}: figures or config are damaged ({reason})") from None
     return FinishedRuns(runs, figures)
 
 
@@ -104,7 +104,7 @@ def run_figures(run: Run) -> dict[str, Cell]:
     """Return a run's figures by name, those of its drives with the track's name in front."""
     folder, metrics = run.folder, run.metrics
     if not metrics:
-        raise InputError(f"{folder}: has no metrics.json; name a finished run")
+        raise InputError(f"{folder}: has no {METRICS}; name a finished run")
     if metrics.get("open_loop") is None and metrics.get("tracks"):
         raise InputError(f"{folder}: is an evaluation; rank those with drivezoo leaderboard FOLDER")
     name = run.choices["experiment"] or metrics["model"]

@@ -10,6 +10,7 @@ import pytest
 
 import drivezoo
 from benchmarks.study_grid import Study
+from tests.refusals import refusal
 from tests.slow_members import slow_but
 from tests.without_rights import without_rights
 from tests.zoo.command_runs import only_line, run, run_here, succeed
@@ -28,6 +29,8 @@ from zoo.checkpoints.checkpoint_path import (
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.commands import doctor
 from zoo.commands.evaluate import evaluate_or_replay as evaluate
+from zoo.commands.results import results
+from zoo.runs.metrics_file import NAME as METRICS
 
 ODD = "a=b [ï] c"  # what shells, globs and Hydra read otherwise
 
@@ -79,6 +82,9 @@ def test_latest_is_the_run_that_started_last_and_has_a_checkpoint(
     assert printed.err == "latest: outputs/late/checkpoints/best.ckpt\n"
     assert not printed.out
     assert find_run("latest") == Path("outputs/late")
+    assert METRICS in refusal(results, "latest")
+    Path("outputs/day/early", METRICS).write_text("{}")
+    assert f"outputs/day/early/{METRICS}: version: is missing" in refusal(results, "latest")
 
 
 def test_a_job_of_a_sweep_can_be_the_latest(work: Path) -> None:
