@@ -44,14 +44,12 @@ def compare(
     from zoo.results.result import result_path
 
     path = Path(out).expanduser()
-    results = [Path(each).expanduser() for each in (a, b)]
-    check_output(path, inputs=[*map(result_path, results)])
+    check_output(path, inputs=[result_path(Path(each).expanduser()) for each in (a, b)])
     from zoo.results.comparison import COLUMNS, ComparedEntries  # slow imports: SciPy, Matplotlib
 
     files.check_files(COLUMNS)
     result = ComparedEntries.read(a, b, paired)
-    result.written.append(result.write(path))
-    result.written.extend(files.write_files(result))
+    result.written.extend([result.write(path), *files.write_files(result)])
     return result
 
 
@@ -66,9 +64,8 @@ def comparison_of(files: Sequence[str | Path]) -> Command[Any]:
 
 def compare_files(arguments: list[str]) -> None:
     """Compare two results of the benchmark, or files of other programs."""
-    files = [argument for argument in arguments if is_path(argument)]
     if not is_help(arguments):
-        comparison_of(files).main(arguments)
+        comparison_of([*filter(is_path, arguments)]).main(arguments)
         return
     for number, each in enumerate([compare, *(other.compare for other in _others())]):
         print("\n" * bool(number), end="")

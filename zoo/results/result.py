@@ -134,7 +134,10 @@ def result_path(path: Path) -> Path:
     """
     path = path / NAME if path.is_dir() else path
     if not path.exists():
-        raise InputError(f"{path}: no such file; drivezoo benchmark CKPT out=FOLDER writes one")
+        raise InputError(
+            f"{path}: no such file; drivezoo benchmark CKPT out=FOLDER writes one; the figures of "
+            "trainings stand in drivezoo leaderboard FOLDER"
+        )
     return path
 
 

@@ -233,6 +233,7 @@ def test_what_has_no_result_is_explained(folders: tuple[Path, Path], tmp_path: P
     assert str(tmp_path / "result.json") in line
     line = only_line(compare(tmp_path, "lenet", str(first)))
     assert line.startswith("drivezoo compare: lenet: no such file; drivezoo benchmark CKPT")
+    assert "drivezoo leaderboard FOLDER" in line
 
 
 def test_no_input_or_foreign_file_is_replaced(folders: tuple[Path, Path], tmp_path: Path) -> None:
