@@ -108,6 +108,7 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.expert(3), drivezoo.UsageError, "env: is int; name one of ours"),
         (lambda: drivezoo.drive_road("lenet", 3), drivezoo.InputError, "points: each must be x"),
         (lambda: drivezoo.evaluate(lambda *_: 0.1), drivezoo.InputError, "returned 0.1 ("),
+        (lambda: drivezoo.evaluate(lambda *_: ("a",)), drivezoo.InputError, "returned ('a',) ("),
         (lambda: drivezoo.evaluate("lenet", world="."), drivezoo.UsageError, "drivezoo.replay("),
         (lambda: drivezoo.train(resume="no"), drivezoo.InputError, "no: no such folder"),
     ],

@@ -155,7 +155,9 @@ class FunctionPolicy(Policy):
         """Return the function's command for a frame."""
         output = self.function(frame, speed_mph)
         with library_errors(self.name, f"returned {output!r:.80}", "return steering and throttle"):
-            return output if isinstance(output, Command) else Command(*output)
+            command = output if isinstance(output, Command) else Command(*output)
+            math.fsum((command.steering, command.throttle or 0.0))  # raises unless both are numbers
+            return command
 
 
 def as_policy(driver: Policy | PolicyFunction) -> Policy:
@@ -182,9 +184,8 @@ class PolicyWrapper(Policy):
 
     name, parameters, outputs = map(_forwarded, ("name", "parameters", "outputs"))
     takes_speed, predicts_spread = map(_forwarded, ("takes_speed", "predicts_spread"))
-    latency_s = _forwarded("latency_s")
     view, config, data, engine = map(_forwarded, ("view", "config", "data", "engine"))
-    members, tied = map(_forwarded, ("members", "tied"))
+    latency_s, members, tied = map(_forwarded, ("latency_s", "members", "tied"))
 
     def __call__(self, frame: Any, speed_mph: float) -> Command:
         """Return the wrapped policy's command for a frame."""

@@ -99,9 +99,8 @@ def with_deviation(figure: Spread, form: str, drives: int | None = None) -> str:
     mean, deviation = figure
     if not deviation:
         return form.format(mean)
-    return f"{form.format(mean)} ± {form.format(deviation)}" + (
-        f" (n = {drives})" if drives else ""
-    )
+    number = f" (n = {drives})" if drives else ""
+    return f"{form.format(mean)} ± {form.format(deviation)}{number}"
 
 
 def table_rows(table: str = DRIVES) -> dict[str, tuple[str, str]]:
