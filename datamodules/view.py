@@ -103,6 +103,7 @@ class View:
         Raises:
             InputError: the frame has another shape or type.
         """
+        frame = np.asarray(frame)
         if frame.ndim != 3 or frame.shape[2] != 3 or not frame.size or frame.dtype != np.uint8:
             raise InputError(
                 f"frame: is {frame.dtype} {list(frame.shape)}; a network takes the camera's image, "
@@ -115,10 +116,9 @@ class View:
         else:
             image = self._resized(convert(image), out)
         image = image.reshape(self.shape)
-        if out is None:
+        if out is None or np.shares_memory(image, out):
             return image
-        if not np.shares_memory(image, out):
-            out[:] = image
+        out[:] = image
         return out
 
     def _resized(self, image: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

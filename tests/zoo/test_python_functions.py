@@ -159,6 +159,8 @@ def test_a_policy_drives_an_environment(tmp_path: Path) -> None:
         act(observation | {"image": observation["image"][:, :, 0]})
     with pytest.raises(drivezoo.InputError, match=r"float64 \[160, 320, 3\]"):
         act(observation | {"image": observation["image"] / 255})
+    with pytest.raises(drivezoo.InputError, match=r"int64 \[160, 320, 3\]"):
+        act(observation | {"image": observation["image"].tolist()})
 
 
 def test_the_expert_drives_each_road_of_a_family() -> None:
