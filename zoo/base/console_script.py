@@ -174,7 +174,7 @@ def load(entry: str) -> "Command[Any]":
     module, _, name = entry.partition(":")
     try:
         command = getattr(importlib.import_module(module), name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{entry}: {type(error).__name__}: {error}; correct the package") from None
     if not isinstance(command, Command):
         raise InputError(f"{entry}: is no command; decorate the function with zoo.base.command")

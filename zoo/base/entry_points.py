@@ -19,7 +19,11 @@ EXTRAS = "zoo.extras."
 
 
 def installed_entries(group: str) -> list[EntryPoint]:
-    """Return a group's entry points of installed packages, without those of deleted extras."""
+    """Return a group's entry points of installed packages, without those of deleted extras.
+
+    Args:
+        group: group of the entry points; `drivezoo.` for all.
+    """
     from importlib.metadata import distributions  # slow import
 
     # Python also reads the packages' files in the current folder, which may be a downloaded one.
@@ -29,7 +33,7 @@ def installed_entries(group: str) -> list[EntryPoint]:
         (entry.name, entry.value): entry
         for package in distributions(path=folders)
         for entry in package.entry_points
-        if entry.group == group and (not is_extra(entry) or file_of(entry.value).is_file())
+        if entry.group.startswith(group) and (not is_extra(entry) or file_of(entry.value).is_file())
     }
     return list(entries.values())
 
@@ -47,7 +51,7 @@ def load_entry(entry: EntryPoint) -> Any:
     """
     try:
         return entry.load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(
             f"{entry.value}: the {_kind(entry.group)} {entry.name} cannot be imported ({error}); "
             "install its package again"

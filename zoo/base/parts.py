@@ -139,8 +139,7 @@ def registering_parts(group: str) -> tuple[list[Part], list[Part]]:
     Args:
         group: group of the packages' entry points.
     """
-    named = [part for part in _users_parts() if part.matches(_REGISTERS)]
-    return named, list(_installed(group))
+    return [part for part in _users_parts() if part.matches(_REGISTERS)], list(_installed(group))
 
 
 def format_parts() -> list[Part]:
@@ -223,10 +222,12 @@ def part_errors(part: Part | None) -> Iterator[None]:
 
 
 def part_failure(error: BaseException) -> InputError | None:
-    """Return an error of one line if the code of a part that the user named raised it."""
+    """Return an error of one line if a part's or an installed package's code raised it."""
+    # A package's command may end with a status of its own.
+    installed = _installed("drivezoo." if isinstance(error, Exception) else GROUP)
     try:
-        parts = named_parts()
-    except InputError:  # the first error was that a part does not exist
+        parts = (*_users_parts(), *installed)
+    except InputError:  # a file was deleted meanwhile
         return None
     passed = ((part, _lines_in(part, error)) for part in parts if not part.is_extra)
     return next((_in_one_line(error, part, lines) for part, lines in passed if lines), None)

@@ -77,12 +77,12 @@ def run_command(name: str, command: Callable[[list[str]], object], arguments: li
 
 def expected_failure(error: BaseException) -> Exception | None:
     """Return an error of one line for input that the user can fix, or a stop; else None."""
-    if not was_stopped(error) and (failure := part_failure(error)):
-        return failure
     if isinstance(error, InputError | StoppedError):
         return error
     if was_stopped(error):
         return StoppedError("stopped")
+    if failure := part_failure(error):
+        return failure
     if isinstance(error, MemoryError) or _MEMORY.search(str(error)):
         return InputError(
             "not enough memory; close other programs, or ask for less: in a training a smaller "

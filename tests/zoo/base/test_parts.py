@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from datamodules.view import View
+from tests.contracts.outside_package import installed
 from tests.recordings import Written
 from tests.refusals import refusal
 from tests.zoo.base.user_parts import write_network
@@ -232,6 +233,23 @@ def test_an_error_of_a_part_in_a_command_is_one_line(capsys: pytest.CaptureFixtu
 def test_a_commands_own_exit_status_stays() -> None:
     with pytest.raises(SystemExit):
         run_command("zoo", sys.exit, [])
+
+
+@pytest.mark.parametrize(
+    ("statement", "line"),
+    [
+        ("ValueError('no wheel')", "outside_part: line 4: ValueError: no wheel; correct it"),
+        ("InputError(f'{path}: no wheel; name one')", "nm: no wheel; name one"),
+    ],
+)
+def test_an_installed_packages_error_is_its_own(
+    statement: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = f"from zoo.base.errors import InputError\n\ndef read(path):\n    raise {statement}\n"
+    with installed(tmp_path, code, "drivezoo.formats"):
+        read = importlib.import_module("outside_part").read
+        assert run_command("zoo", lambda _: read("nm"), []) == 1
+    assert capsys.readouterr().err == f"zoo: {line}\n"
 
 
 @pytest.mark.parametrize("module", ["zoo", "zoo.commands.export"])
