@@ -22,7 +22,7 @@ class InputError(Exception):
     """
 
     def __init__(self, message: object) -> None:
-        super().__init__(LONG.sub(_cut, str(message)))
+        super().__init__(LONG.sub(_cut, re.sub(r"\s*\n\s*", " ", str(message))))
 
     def _render_traceback_(self) -> list[str]:
         """Return what notebooks print in place of a traceback."""
