@@ -111,9 +111,16 @@ def test_a_caption_makes_the_tex_table_a_float() -> None:
     assert r"\begin{table}" not in replace(TABLE, caption="").tex()
 
 
-@pytest.mark.parametrize("columns", ["autnomy", "network,network", ""])
-def test_a_wrong_column_is_named_before_the_work(columns: str) -> None:
-    with pytest.raises(UsageError, match=f"columns={columns}"):
+@pytest.mark.parametrize(
+    ("columns", "fault"),
+    [
+        ("autnomy", "no column autnomy;"),
+        ("network,network", "names network twice"),
+        ("", "no column without a name;"),
+    ],
+)
+def test_a_wrong_column_is_named_before_the_work(columns: str, fault: str) -> None:
+    with pytest.raises(UsageError, match=f"columns={columns}: .*{fault}"):
         TableFiles(table="a.tex", columns=columns).check_files(["network", "autonomy"])
 
 

@@ -234,7 +234,8 @@ def column_names(columns: str, known: Iterable[str]) -> list[str]:
     names = [name.strip() for name in columns.split(",")]
     for number, name in enumerate(names):
         if name not in known:
-            raise UsageError(f"columns={columns}: there is no column {name}; {hint(name, known)}")
+            what = name or "without a name"
+            raise UsageError(f"columns={columns}: there is no column {what}; {hint(name, known)}")
         if name in names[:number]:
             raise UsageError(f"columns={columns}: names {name} twice")
     return names
@@ -329,8 +330,7 @@ def fitted_table(
     from rich.text import Text
 
     room = width - 1 - sum(min(_width(name), ENOUGH) + FRAME for name in names)
-    shown: list[Column] = []
-    left_out: list[Column] = []
+    shown, left_out = list[Column](), list[Column]()
     for number, figure in enumerate(figures):
         fits = number < first or _width(figure) + FRAME <= room
         (shown if fits else left_out).append(figure)
