@@ -28,7 +28,6 @@ from zoo.commands.results import read_finished
 from zoo.commands.results import results as results_command
 from zoo.driving.drive_log import SUMMARY_NAME, read_summary
 from zoo.driving.metrics import METRICS
-from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.result_table import Cell, Table
 from zoo.runs.run_record import Run
 from zoo.runs.table_files import Result
@@ -57,8 +56,7 @@ class Training(Run, Result):
         Raises:
             InputError: the folder has no figures of a finished run.
         """
-        read_metrics_file(Path(folder))
-        return cls(Path(folder))
+        return cls(read_finished([folder]).runs[0].folder)
 
     def __fspath__(self) -> str:
         """Return the folder, so that commands take the training as a path."""
