@@ -136,13 +136,13 @@ def write_metrics(
         },
         "findings": [vars(oddity) for oddity in find_oddities(data.recording)],
         "code": code_fingerprint(),
-        "versions": package_versions(),
+        "versions": package_versions()
+        | {part["name"]: part["sha256"] for part in card.get("parts", ())},
         **fields,
     }
-    drive = metrics["drive"]
+    drive = metrics["drive"] or {}
     evidence = evidence_of_run(folder, card["config"], metrics)
-    replayed = drive.get("replayed") if drive else None
-    verdict = judge(drive["drives"] if drive else [], evidence, replayed=replayed)
+    verdict = judge(drive.get("drives", []), evidence, replayed=drive.get("replayed"))
     metrics["verdict"] = verdict.plain()
     write_metrics_file(folder, metrics)
     return metrics, verdict

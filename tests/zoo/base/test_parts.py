@@ -17,12 +17,14 @@ from tests.refusals import refusal
 from tests.zoo.base.user_parts import write_network
 from tests.zoo.command_runs import only_line, run, succeed
 from tests.zoo.trainings import SMALL
+from zoo.base.bounded_files import hash_file
 from zoo.base.compose import choices, compose_config
 from zoo.base.errors import InputError
 from zoo.base.parts import _installed, name_parts, take_parts
 from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_policy import load_policy
+from zoo.commands.rerun import _report
 from zoo.driving.metrics import METRICS
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
@@ -102,6 +104,15 @@ def test_a_changed_file_is_reported_and_used(
     load_checkpoint(workspace / "run")
     (line,) = capsys.readouterr().err.splitlines()
     assert "best.ckpt: my_net.py has changed" in line
+
+
+def test_a_repeated_run_names_a_changed_file(
+    trained: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    digest = hash_file(trained / "my_net.py")[:16]
+    then = json.loads((trained / "run" / "metrics.json").read_text())
+    _report(then, then | {"versions": then["versions"] | {"my_net.py": "now"}}, trained / "again")
+    assert f"my_net.py: {digest} then, now now\n" in capsys.readouterr().out
 
 
 def test_a_changed_file_that_does_not_fit_is_refused(workspace: Path, named_here: NameFile) -> None:
