@@ -169,13 +169,12 @@ def _composed_folder(arguments: list[str]) -> Path:
     _drop_shadowed()
     words = [word for word in arguments if word.startswith(HYDRA_KEYS)]
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
-        return Path(
-            compose("config", hydra_overrides(words), return_hydra_config=True).hydra.sweep.dir
-        )
+        config = compose("config", hydra_overrides(words), return_hydra_config=True)
+        return Path(config.hydra.sweep.dir)
 
 
 def _refuse_changed(folder: Path, record: records.SweepRecord) -> None:
-    if changed := records.what_changed(record):
+    if changed := records.what_changed(folder, record):
         raise InputError(f"{folder}: {changed}; start a new sweep in another folder")
 
 
@@ -192,7 +191,7 @@ def find_unfinished(arguments: list[str], console: Console) -> Path | None:
             continue  # damaged, or written by another version
         if not records.is_same(record, arguments) or _all_done(folder):
             continue
-        if changed := records.what_changed(record):
+        if changed := records.what_changed(folder, record):
             print_line(console, f"{folder}: same command, but {changed}; starting a new sweep")
             return None
         if record.search and is_held(folder):

@@ -23,11 +23,12 @@ from datamodules.recording import LOG_NAME
 from zoo.base.bounded_files import check_version, hash_file, read_json
 from zoo.base.compose import choices, config_groups, hydra_overrides
 from zoo.base.errors import InputError
-from zoo.base.parts import KEY
+from zoo.base.parts import KEY, named_parts
 from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.code_fingerprint import package_versions
 from zoo.runs.record_fields import Fields, Whole, check_fields
 from zoo.runs.saved_config import TRUST, check_saved_config
+from zoo.runs.status import read_metrics
 from zoo.training.host_settings import multiplies_bf16
 
 NAME = "sweep.json"
@@ -79,12 +80,11 @@ class SweepRecord(Fields):
 
 def new_record(arguments: list[str]) -> SweepRecord:
     """Return the record of a sweep that starts now."""
-    now = datetime.now().astimezone().isoformat(timespec="seconds")
     return SweepRecord(
         format=FORMAT,
         arguments=arguments,
         versions=package_versions(),
-        started=now,
+        started=datetime.now().astimezone().isoformat(timespec="seconds"),
         bf16=bool(multiplies_bf16()),
     )
 
@@ -139,7 +139,7 @@ def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
 
 def is_same(record: SweepRecord, arguments: list[str]) -> bool:
     """Return whether a sweep has the same overrides, in any order, launcher excluded."""
-    return _training_overrides(record.arguments) == _training_overrides(arguments)
+    return sorted(_training_overrides(record.arguments)) == sorted(_training_overrides(arguments))
 
 
 def in_its_order(record: SweepRecord, arguments: list[str]) -> list[str]:
@@ -149,20 +149,22 @@ def in_its_order(record: SweepRecord, arguments: list[str]) -> list[str]:
     >>> in_its_order(record, ["b=3,4", "a=1,2"])
     ['a=1,2', 'b=3,4']
     """
-    typed = [word for word in arguments if _is_launch(word)]
-    return [*(word for word in record.arguments if not _is_launch(word)), *typed]
+    return [*_training_overrides(record.arguments), *filter(_is_launch, arguments)]
 
 
-def what_changed(record: SweepRecord) -> str | None:
-    """Return which recording or package has changed since the sweep began; None if none has."""
+def what_changed(folder: Path, record: SweepRecord) -> str | None:
+    """Return which recording, package or part differs from that of the jobs; None if none does."""
     for root, digest in record.data.items():
         now = log_digest(root)
         if digest is not None and now != digest:
             return f"the recording in {root} {'is missing' if now is None else 'has changed since'}"
-    installed = package_versions()
-    for name, number in record.versions.items():
-        if installed.get(name) != number:
-            return f"{name} was {number} and is now {installed.get(name)}"
+    hashes = {part.name: hash_file(part.file)[:16] for part in named_parts() if part.file}
+    installed = package_versions() | hashes
+    trained = [read_metrics(job).get("versions") or {} for job in job_folders(folder)]
+    for versions in (record.versions, *trained):
+        for name, number in versions.items():
+            if installed.get(name, number) != number:
+                return f"{name} was {number} and is now {installed[name]}"
     return None
 
 
@@ -171,8 +173,7 @@ def log_digest(root: str) -> str | None:
 
     Of a folder without a log, such as a tub, it is that of the files' names and sizes.
     """
-    path = Path(root)
-    path = path / LOG_NAME if (path / LOG_NAME).exists() else path
+    path = Path(root, LOG_NAME) if Path(root, LOG_NAME).exists() else Path(root)
     try:
         if not path.is_dir():
             return hash_file(path)[:16]
@@ -184,7 +185,7 @@ def log_digest(root: str) -> str | None:
 
 
 def _training_overrides(arguments: Iterable[str]) -> list[str]:
-    return sorted(word for word in arguments if not _is_launch(word))
+    return [word for word in arguments if not _is_launch(word)]
 
 
 def _is_launch(word: str) -> bool:

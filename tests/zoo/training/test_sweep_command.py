@@ -21,9 +21,11 @@ from rich.console import Console
 from tests.recordings import Written
 from tests.refusals import refusal
 from tests.zoo import trainings
+from tests.zoo.base.user_parts import write_network
 from tests.zoo.command_runs import command, environment, only_line, run, run_here, succeed
 from tests.zoo.sweeps import change_status, status, write_run
 from tests.zoo.trainings import data_of
+from zoo.base.bounded_files import hash_file
 from zoo.base.compose import choices, conf_folder
 from zoo.base.errors import InputError
 from zoo.base.new_folder import hold_folder
@@ -169,19 +171,28 @@ def test_jobs_keep_their_numbers_whatever_the_order_of_the_words(
     assert ran == [["seed=1,2", "optim.lr=0.1,0.2"]]
 
 
-@pytest.mark.parametrize("change", ["the recording", "a recording without a log", "a version"])
+@pytest.mark.parametrize(
+    "change", ["the recording", "a recording without a log", "a version", "a part that a job used"]
+)
 def test_a_sweep_whose_inputs_changed_is_not_resumed(
-    change: str, here: Path, console: Console
+    change: str, here: Path, console: Console, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    monkeypatch.setenv("DRIVEZOO_PARTS", str(write_network(here)))
     root = here / "recording"
     root.mkdir()
     log = root / ("tub.catalog" if "without" in change else "driving_log.csv")
     log.write_text("one\n")
     folder = here / "outputs" / "sweeps" / "day" / "1"
     begun(folder, ["seed=1,2"], ["failed"], data={str(root): log_digest(str(root))})
+    metrics = json.loads((folder / "0" / "metrics.json").read_text())
+    metrics["versions"] = {"my_net.py": hash_file(here / "my_net.py")[:16], "my_package.nets": "1"}
+    (folder / "0" / "metrics.json").write_text(json.dumps(metrics))
     assert find_unfinished(["seed=1,2"], console) is not None
     if "recording" in change:
         log.write_text("other\n")
+    elif "part" in change:
+        (here / "my_net.py").write_text("other\n")
     else:
         add_to_record(folder, versions={"torch": "0.1"})
     assert find_unfinished(["seed=1,2"], console) is None
