@@ -4,6 +4,7 @@ import inspect
 import re
 import shutil
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
@@ -22,6 +23,8 @@ from zoo.base.errors import InputError, UsageError
 from zoo.base.key_values import kinds_in, read_options
 from zoo.base.terminal import command_line
 from zoo.commands.simulator import all_commands
+from zoo.driving.drive_log import write_drive
+from zoo.driving.drive_record import Drive, DriveRow
 from zoo.scoring.evaluate_options import EvaluateOptions, ReplayOptions
 
 MOST_SHOWN = 27
@@ -222,6 +225,9 @@ def test_a_command_of_another_package_is_one_like_ours(tmp_path: Path) -> None:
     assert wrong.returncode == 2
     assert "lap_m=0: must be a number above 0, up to 5000" in only_line(wrong)
     assert "did you mean count_laps?" in outside("count_lap").stderr
+    drive = Drive.of([DriveRow(0.0), DriveRow(0.1)])
+    write_drive(tmp_path / "drive", replace(drive, driven_m=1900.0))
+    assert outside("count_laps", "drive", "lap_m=900").stdout == "2 laps\n"
     assert len(code.splitlines()) < 40
 
 
