@@ -14,7 +14,7 @@ from zoo.base.errors import InputError
 from zoo.base.notices import Notices
 from zoo.driving.drive_log import DriveWriter, read_drive, write_drive, write_summary
 from zoo.driving.drive_record import EMBEDDED, SOCKET, Drive, DriveRow
-from zoo.driving.metrics import METRICS
+from zoo.driving.metrics import METRICS, measure
 from zoo.driving.tally import Tally
 from zoo.server.drive_writer import WAITING, BackgroundWriter
 from zoo.simulator.recorder import PAUSE_S
@@ -41,6 +41,14 @@ def test_a_drive_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert math.isnan(drive.speed_mph[1])
     assert (drive.spread[0], drive.expert_steering[0]) == (0.04, -0.2)
     assert math.isnan(drive.spread[1])
+
+
+def test_a_drive_that_is_read_has_the_figures_of_the_drive(tmp_path: Path) -> None:
+    rows = [DriveRow(0.1 * number, speed_mph=9.0 + number / 3) for number in range(4)]
+    facts: dict = {"driven_m": 23.9, "length_m": 10.0, "lap_s": (1.0, 2.0), "episode_return": 7.0}
+    drive = Drive.of(rows, source=EMBEDDED, track="lake", **facts)
+    write_drive(tmp_path, drive)
+    np.testing.assert_equal(measure(read_drive(tmp_path)), measure(drive))
 
 
 def test_a_drive_on_a_socket_has_the_metrics_of_one_in_the_embedded_world(tmp_path: Path) -> None:
