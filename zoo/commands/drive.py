@@ -278,7 +278,7 @@ def view_line(policy: "Policy") -> str:
     from zoo.checkpoints.engine import engine_text  # imports torch
 
     views = [member.view for member in policy.members]
-    seen = ["{1} x {0} {3}".format(*view.shape, view.colour) for view in views]
+    seen = [f"{view.shape[1]} x {view.shape[0]} {view.colour}" for view in views]
     what = f"{policy.name} of {policy.parameters:,} parameters"
     took = dict.fromkeys(engine_text(member.engine) for member in policy.members)
     return "; ".join([f"{what}, sees {' and '.join(dict.fromkeys(seen))}", *filter(None, took)])
