@@ -330,7 +330,8 @@ def fitted_table(
     from rich.text import Text
 
     room = width - 1 - sum(min(_width(name), ENOUGH) + FRAME for name in names)
-    shown, left_out = list[Column](), list[Column]()
+    shown: list[Column] = []
+    left_out: list[Column] = []
     for number, figure in enumerate(figures):
         fits = number < first or _width(figure) + FRAME <= room
         (shown if fits else left_out).append(figure)
