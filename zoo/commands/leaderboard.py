@@ -1,5 +1,6 @@
 """`drivezoo leaderboard`: rank all runs, the best driver first."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,6 @@ from zoo.base.terminal import command_line, counted
 from zoo.runs.table_files import TableFiles
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from zoo.results.ranking_page import Ranking
 
     # Takes a ranking, the folder and the typed command; returns files, and lines to print.
@@ -50,8 +49,10 @@ def leaderboard(
     for root in roots:
         if not root.is_dir():
             raise InputError(f"{root}: no such folder; usage: {leaderboard.usage}")
-    folders = sorted({path for root in roots for path in run_folders(root)})
-    drives = sorted({path for root in named for path in drive_folders(root)})
+    folders, drives = (  # each once, by whatever paths it is named
+        sorted({path.resolve(): path for root in within for path in find(root)}.values())
+        for find, within in ((run_folders, roots), (drive_folders, named))
+    )
     if not folders and not drives:
         raise InputError(
             f"{', '.join(map(str, roots))}: no runs found; train one: drivezoo train, or rank "
@@ -61,8 +62,7 @@ def leaderboard(
     writers = [] if paper is None else [(write, paper) for write in paper_writers(paper)]
     title = f"leaderboard of {', '.join(map(str, roots))}: {counted(len(folders), 'run')}"
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
-    under = roots[0] if len(roots) == 1 else Path()
-    ranking = Ranking.read(folders, under, drives, title)
+    ranking = Ranking.read(folders, roots[0] if len(roots) == 1 else Path(), drives, title)
     if paper is None:
         ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
     ranking.written.extend(tables.write_files(ranking))
@@ -82,7 +82,7 @@ def paper_writers(out: str | Path) -> list["PaperWriter"]:
         InputError: a package's function cannot be imported.
     """
     entries = sorted(installed_entries(PAPERS), key=is_extra, reverse=True)  # ours makes the folder
-    writers = [load_entry(entry) for entry in entries]
+    writers = [load_entry(entry, Callable) for entry in entries]
     if not writers:
         raise UsageError(f"paper={out}: nothing that is installed writes papers; leave it out")
     return writers

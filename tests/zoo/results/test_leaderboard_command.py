@@ -147,6 +147,18 @@ def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> N
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
 
 
+def test_a_folder_that_two_paths_name_counts_once(
+    here: Path, capsys: pytest.CaptureFixture
+) -> None:
+    write(here / "marks" / "a", result(np.full((3, len(ROADS)), 0.9)))
+    write_run(here / "runs" / "b")
+    (here / "link").symlink_to("runs")
+    leaderboard("marks", here / "marks", "runs", "link").show()
+    printed = capsys.readouterr().out
+    assert "1 run, 1 evaluations, benchmarks or drives" in " ".join(printed.split())
+    assert "of 84" in printed, "three trainings on 28 roads"
+
+
 def test_drives_of_levels_are_ranked_by_the_share_of_clean_ones(tmp_path: Path) -> None:
     roads = [("bends", f"bends_{level}:{road}", {}) for level in (1, 2) for road in range(4)]
     for name, autonomy in (("late", [0.99] * 8), ("half", [1.0] * 4 + [0.5] * 4)):
