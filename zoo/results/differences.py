@@ -237,18 +237,22 @@ def _p_value(a: Entry, b: Entry, roads: list[Road], paired: bool) -> float:
     """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    scores_a, scores_b = _scores(a, b, roads, paired)
-    return p_value(_difference(scores_a, scores_b, paired), *clusters(roads))
+    return p_value(_difference(*_scores(a, b, roads, paired), paired), *clusters(roads))
 
 
 def _scores(a: Entry, b: Entry, roads: list[Road], paired: bool) -> list[np.ndarray]:
-    """Return the scores of both entries, [training seeds, roads]; of pairs, of shared seeds."""
+    """Return the scores of both entries, [training seeds, roads]; of pairs, of shared seeds.
+
+    Trainings of one entry that have the same seed count as one, by their mean.
+    """
     tables = [side.scores(roads) for side in (a, b)]
     if not paired:
         return tables
     shared = shared_seeds(a, b)
-    numbers = [[side.training_seeds.index(seed) for seed in shared] for side in (a, b)]
-    return [table[chosen] for table, chosen in zip(tables, numbers, strict=True)]
+    return [
+        np.array([table[np.equal(side.training_seeds, seed)].mean(axis=0) for seed in shared])
+        for table, side in zip(tables, (a, b), strict=True)
+    ]
 
 
 def _difference(scores_a: np.ndarray, scores_b: np.ndarray, paired: bool) -> np.ndarray:
@@ -307,17 +311,15 @@ def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
 
     Args:
         a: A's figures, float64 [training seeds, places].
-        b: B's figures, float64 [training seeds, places].
+        b: B's figures, float64 [training seeds, places]; two places or more.
     """
     difference = abs(float(a.mean() - b.mean()))
     if difference < EQUAL:
         return Needed(None, "equal")
     roads = a.shape[1]
     (between_a, noise_a), (between_b, noise_b) = _variances(a), _variances(b)
-    of_roads = 0.0
-    if roads > 1:
-        seen = float((a.mean(axis=0) - b.mean(axis=0)).var(ddof=1))
-        of_roads = max(0.0, seen - noise_a / len(a) - noise_b / len(b)) / roads
+    seen = float((a.mean(axis=0) - b.mean(axis=0)).var(ddof=1))
+    of_roads = max(0.0, seen - noise_a / len(a) - noise_b / len(b)) / roads
     # Where trainings do not vary, their number changes no p-value.
     alike = between_a + between_b <= EQUAL**2
     if alike or difference <= least_difference([(of_roads, roads - 1)]):

@@ -129,6 +129,8 @@ def test_pairs_are_of_the_seeds_that_both_have(tmp_path: Path) -> None:
     reseed(tmp_path / "a", 1, 1, 2)
     shown = succeed(compare(tmp_path, "a", "b", "paired=true", "overwrite=true"))
     assert "paired: trainings of the same seed (1)" in shown, "a seed that stands twice"
+    overall = json.loads((tmp_path / "compare.json").read_text())["groups"]["all but laps"]
+    assert overall["a"] == {"autonomy": pytest.approx(0.3)}, "the mean of both trainings"
 
 
 def test_one_pair_is_never_better(tmp_path: Path) -> None:
