@@ -201,7 +201,7 @@ def grade_class(
                 for count, job in enumerate(as_completed(jobs), 1):
                     grades[jobs[job]] = grade = job.result()
                     print_line(console, printable(f"{grade.submission.name}: {grade.status}"))
-                    graded = _with_copies(Graded(out, grades, options.points), packaged)
+                    graded = _compared(Graded(out, grades, options.points), packaged)
                     graded.written.extend(_write_marks(graded, suite))
                     report(count / len(jobs))
             finally:
@@ -308,8 +308,8 @@ def _drive(
         raise InputError(problem or f"ended with {process.returncode}")
 
 
-def _with_copies(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Graded:
-    """Return the marks with a warning for each network that is another one's copy."""
+def _compared(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Graded:
+    """Return the marks with a warning for each copied network and each number of two rows."""
     facts = packaged | {grade.submission.name: grade.facts for grade in graded.grades}
     grades = []
     for grade in graded.grades:
@@ -319,6 +319,10 @@ def _with_copies(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Gr
             for name, other in others.items()
             if grade.facts and other and (likeness := grade.facts.likeness(other))
         ]
+        number, names = grade.submission.number, others.keys() - packaged.keys()
+        if number and grade.status != "waiting":
+            twice = [name for name in sorted(names) if Submission(name, None).number == number]
+            copies += [f"has the number {number}, as {name}; keep one" for name in twice[:1]]
         grades.append(replace(grade, warnings=[*grade.warnings, *copies]))
     return replace(graded, grades=grades)
 

@@ -451,6 +451,17 @@ def test_nan_gets_no_points(suite: Path, here: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.usefixtures("as_ada")
+def test_a_number_that_stands_twice_is_reported(suite: Path, here: Path) -> None:
+    for name in ("7_ann", "7_ben", "71_cleo", "dan", "eve"):
+        write_constant(here / "class" / f"{name}.ckpt", 0.0)
+    marks = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    assert [line for line in marks.lines if "number" in line] == [
+        "7_ann: has the number 7, as 7_ben; keep one",
+        "7_ben: has the number 7, as 7_ann; keep one",
+    ]
+
+
+@pytest.mark.usefixtures("as_ada")
 def test_pages_name_the_last_file(suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copy = graded._drive
 
