@@ -83,7 +83,7 @@ def outside_formats() -> Iterator[tuple[str, Format]]:
             yield part.module.rpartition(".")[2], module
     for entry in installed_entries(GROUP):
         if not is_extra(entry):
-            yield entry.name, load_entry(entry)
+            yield entry.name, load_entry(entry, Format)
 
 
 def formats() -> dict[str, Format]:

@@ -3,6 +3,8 @@
 Hydra imports this module at every start, so it imports nothing slow.
 """
 
+from collections.abc import Callable
+
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.search_path_plugin import SearchPathPlugin
@@ -57,7 +59,7 @@ class OptunaSweeper(_Sweeper):
         """Train the configurations that Optuna proposes."""
         from zoo.base.entry_points import load_named
 
-        search = load_named("drivezoo.sweepers", "optuna", "hydra/sweeper")
+        search = load_named("drivezoo.sweepers", "optuna", Callable, "hydra/sweeper")
         search(arguments, self.config, self.hydra_context, self.launcher)
 
 
@@ -77,5 +79,5 @@ class RayLauncher(Launcher):
         """Run jobs on the cluster and return their results."""
         from zoo.base.entry_points import load_named
 
-        launch = load_named("drivezoo.launchers", "ray", "hydra/launcher")
+        launch = load_named("drivezoo.launchers", "ray", Callable, "hydra/launcher")
         return launch(self, job_overrides, initial_job_idx)

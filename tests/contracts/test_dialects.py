@@ -13,7 +13,7 @@ from rich.console import Console
 
 from tests.contracts.outside_package import installed, manual_example
 from tests.zoo.simulator.drivers import RawDriver, answering, event
-from zoo.base.entry_points import load_class, named_entries
+from zoo.base.entry_points import load_named, named_entries
 from zoo.base.errors import InputError
 from zoo.simulator.client import Client, run_client
 from zoo.simulator.command_options import DIALECTS, ClientOptions
@@ -28,7 +28,7 @@ def dialect(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
 
 
 def control_of(dialect: str) -> str:
-    return (Client if dialect == "udacity" else load_class(DIALECTS, dialect, Client)).control
+    return (Client if dialect == "udacity" else load_named(DIALECTS, dialect, Client)).control
 
 
 def test_a_driver_gets_frames_and_steers(dialect: str) -> None:
@@ -50,7 +50,7 @@ def test_a_driver_gets_frames_and_steers(dialect: str) -> None:
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("class Mine: pass", "is no dialect; derive it from zoo.simulator.client.Client"),
+        ("class Mine: pass", "the dialect mine is no zoo.simulator.client.Client; correct"),
         ("import nowhere", "the dialect mine cannot be imported .*install its package again"),
     ],
 )

@@ -9,7 +9,7 @@ import eventlet
 import pytest
 
 from tests.contracts.outside_package import installed, manual_example
-from zoo.base.entry_points import load_class, named_entries
+from zoo.base.entry_points import load_named, named_entries
 from zoo.base.notices import Notices
 from zoo.driving.speed_controller import Constant, SteeringFilter
 from zoo.server.drive_writer import BackgroundWriter
@@ -23,7 +23,7 @@ WAIT_S = 20.0
 def kind(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[type[DrivenSimulator]]:
     code = manual_example("my_simulator.py")
     with installed(tmp_path / "site", code, SIMULATORS, attribute=":StillSimulator"):
-        yield load_class(SIMULATORS, request.param, DrivenSimulator)
+        yield load_named(SIMULATORS, request.param, DrivenSimulator)
 
 
 def make_driver(folder: Path) -> Driver:

@@ -23,7 +23,7 @@ import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, Generic, Protocol, TypeVar, overload, runtime_checkable
 
 from zoo.base import command_keys, key_values
 from zoo.base.errors import InputError, UsageError, hint
@@ -268,6 +268,20 @@ def command(function: Any = None, **settings: Any) -> Any:
     if function is not None:
         return Command(function)
     return lambda decorated: Command(decorated, **settings)
+
+
+@runtime_checkable
+class Comparison(Protocol):
+    """A comparison of other programs' files: a module with these names.
+
+    Attributes:
+        compare: command.
+    """
+
+    compare: Command[Any]
+
+    def detect(self, files: Sequence[str | Path]) -> bool:
+        """Return whether the command compares these files."""
 
 
 def is_help(arguments: Sequence[str]) -> bool:

@@ -2,13 +2,12 @@
 
 import ast
 import functools
-import importlib
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.entry_points import file_of, find_entry, installed_entries, is_extra, named_entries
+from zoo.base.entry_points import file_of, find_entry, is_extra, load_entry, named_entries
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
 from zoo.base.run_command import run_command
@@ -126,7 +125,7 @@ def place_of(name: str) -> str | None:
 @functools.cache
 def extra_commands() -> dict[str, str]:
     """Return the places of the extras' commands, by the command's name."""
-    entries = installed_entries(ENTRY_POINTS)
+    entries = named_entries(ENTRY_POINTS).values()
     return {
         entry.name: entry.value for entry in entries if is_extra(entry) and "." not in entry.name
     }
@@ -169,16 +168,11 @@ def load(entry: str) -> "Command[Any]":
     Raises:
         InputError: it cannot be imported, or is no command.
     """
+    from importlib.metadata import EntryPoint  # slow imports
+
     from zoo.base.command import Command
 
-    module, _, name = entry.partition(":")
-    try:
-        command = getattr(importlib.import_module(module), name)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{entry}: {type(error).__name__}: {error}; correct the package") from None
-    if not isinstance(command, Command):
-        raise InputError(f"{entry}: is no command; decorate the function with zoo.base.command")
-    return command
+    return load_entry(EntryPoint(entry.rpartition(":")[2], entry, ENTRY_POINTS), Command)
 
 
 def help_text() -> str:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import InputError, UsageError, hint
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
-
-Kind = TypeVar("Kind")
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = "zoo.extras."
@@ -43,35 +41,49 @@ def named_entries(group: str) -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in sorted(installed_entries(group), key=is_extra)}
 
 
-def load_entry(entry: EntryPoint) -> Any:
+def load_entry(entry: EntryPoint, kind: Any) -> Any:
     """Return what an entry point names.
 
+    Args:
+        entry: entry point.
+        kind: class that it is derived from or an instance of, or protocol that it follows.
+
     Raises:
-        InputError: it cannot be imported.
+        InputError: it cannot be imported, or is of another kind.
     """
+    what = f"{entry.value}: the {_kind(entry.group)} {entry.name}"
     try:
-        return entry.load()
+        loaded = entry.load()
     except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__}: {error}"
         raise InputError(
-            f"{entry.value}: the {_kind(entry.group)} {entry.name} cannot be imported ({error}); "
-            "install its package again"
+            f"{what} cannot be imported ({reason}); install its package again"
         ) from None
+    if isinstance(loaded, kind) or kind in getattr(loaded, "__mro__", ()):
+        return loaded
+    raise InputError(f"{what} is no {kind.__module__}.{kind.__name__}; correct its package")
 
 
-def load_named(group: str, name: str, key: str = "", usual: Sequence[str] = ()) -> Any:
+def load_entries(group: str, kind: Any) -> Iterator[Any]:
+    """Yield what a group's entry points name; see `load_entry`."""
+    return (load_entry(entry, kind) for entry in installed_entries(group))
+
+
+def load_named(group: str, name: str, kind: Any, key: str = "", usual: Sequence[str] = ()) -> Any:
     """Return what a group's entry point names.
 
     Args:
         group: group of the entry point.
         name: name of the entry point, as the user typed it.
+        kind: see `load_entry`.
         key: key before the name, for messages; empty without one.
         usual: names that the core has itself, for messages.
 
     Raises:
         UsageError: there is no such entry point.
-        InputError: it cannot be imported.
+        InputError: see `load_entry`.
     """
-    return load_entry(find_entry(group, name, key, usual))
+    return load_entry(find_entry(group, name, key, usual), kind)
 
 
 def find_entry(group: str, name: str, key: str = "", usual: Sequence[str] = ()) -> EntryPoint:
@@ -85,20 +97,6 @@ def find_entry(group: str, name: str, key: str = "", usual: Sequence[str] = ()) 
         typed = f"{key}={name}" if key else name
         raise UsageError(f"{typed}: no such {_kind(group)}; {hint(name, [*usual, *entries])}")
     return entries[name]
-
-
-def load_class(group: str, name: str, base: type[Kind]) -> type[Kind]:
-    """Return the class that a group's entry point names.
-
-    Raises:
-        InputError: see `load_named`, or the class is not derived from `base`.
-    """
-    entry = find_entry(group, name)
-    loaded = load_entry(entry)
-    if not (isinstance(loaded, type) and issubclass(loaded, base)):
-        wanted = f"{base.__module__}.{base.__name__}"
-        raise InputError(f"{entry.value}: is no {_kind(group)}; derive it from {wanted}")
-    return loaded
 
 
 def _kind(group: str) -> str:

@@ -7,12 +7,11 @@ A package names a module with the functions of `WeightsReader` as an entry point
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Protocol
+from typing import TYPE_CHECKING, BinaryIO, Protocol, runtime_checkable
 
 from zoo.base.bounded_files import open_binary
-from zoo.base.entry_points import installed_entries, load_entry
+from zoo.base.entry_points import load_entries
 from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import open_archive
 
@@ -27,6 +26,7 @@ ZIP = b"PK\3\4"
 BEGINS = {TORCH: rb"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19", PICKLE: rb"\x80[\x02-\x05]"}
 
 
+@runtime_checkable
 class WeightsReader(Protocol):
     """A reader of networks' files: a module with these functions."""
 
@@ -53,7 +53,8 @@ class WeightsReader(Protocol):
 
 def describe_network(path: Path) -> str:
     """Return what a file or folder is and what to do with it; empty if no reader knows it."""
-    return next(filter(None, (reader.describe(path) for reader in _readers())), "")
+    readers = load_entries(GROUP, WeightsReader)
+    return next(filter(None, (reader.describe(path) for reader in readers)), "")
 
 
 def weights_reader(path: Path) -> WeightsReader | None:
@@ -61,7 +62,8 @@ def weights_reader(path: Path) -> WeightsReader | None:
     with file_errors(path, "{}; name another file"), open_binary(path, MOST_BYTES) as file:
         if torch_kind(file):
             return None
-    return next((reader for reader in _readers() if reader.detect(path)), None)
+    readers = load_entries(GROUP, WeightsReader)
+    return next((reader for reader in readers if reader.detect(path)), None)
 
 
 def read_network(path: Path) -> nn.Module:
@@ -77,11 +79,6 @@ def read_network(path: Path) -> nn.Module:
             f"with an entry point {GROUP}"
         )
     return reader.read(path)
-
-
-def _readers() -> Iterator[WeightsReader]:
-    for entry in installed_entries(GROUP):
-        yield load_entry(entry)
 
 
 def torch_kind(file: BinaryIO) -> str:

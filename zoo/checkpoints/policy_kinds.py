@@ -5,14 +5,15 @@ the installed kinds reads it; they never name a module.
 """
 
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
-from zoo.base.entry_points import installed_entries, load_entry
+from zoo.base.entry_points import installed_entries, load_entries
 from zoo.checkpoints.policy_base import Policy
 
 GROUP = "drivezoo.policies"
 
 
+@runtime_checkable
 class PolicyKind(Protocol):
     """A kind of file: a module, or an object, with these names.
 
@@ -43,9 +44,9 @@ def policy_kind(contents: Any) -> PolicyKind | None:
     """Return the installed kind of a file's contents; None if there is none.
 
     Raises:
-        InputError: a package's kind cannot be imported.
+        InputError: see `load_entry`.
     """
-    kinds = map(load_entry, installed_entries(GROUP))
+    kinds = load_entries(GROUP, PolicyKind)
     return next((kind for kind in kinds if kind.detect(contents)), None)
 
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.command import Command, command, is_help, is_path
-from zoo.base.entry_points import installed_entries, load_entry
+from zoo.base.command import Command, Comparison, command, is_help, is_path
+from zoo.base.entry_points import load_entries
 from zoo.base.output_files import check_output
 from zoo.base.run_command import exit_after
 from zoo.runs.table_files import ResultFiles
@@ -72,8 +72,8 @@ def compare_files(arguments: list[str]) -> None:
         each.main(["--help"])
 
 
-def _others() -> list[Any]:
-    return [*map(load_entry, installed_entries("drivezoo.comparisons"))]
+def _others() -> list[Comparison]:
+    return [*load_entries("drivezoo.comparisons", Comparison)]
 
 
 if __name__ == "__main__":

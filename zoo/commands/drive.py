@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from zoo.base.child_process import end_module, start_module
 from zoo.base.command import command
 from zoo.base.console_progress import loading
-from zoo.base.entry_points import load_class
+from zoo.base.entry_points import load_named
 from zoo.base.errors import InputError
 from zoo.base.new_folder import dated_folder
 from zoo.base.terminal import print_written
@@ -80,8 +80,8 @@ def serve(
     from zoo.server.server import DriveServer
 
     simulator = None
-    if settings.world:  # a subclass of an abstract class
-        simulator = load_class(SIMULATORS, settings.world, DrivenSimulator)  # type: ignore[type-abstract]
+    if settings.world:
+        simulator = load_named(SIMULATORS, settings.world, DrivenSimulator)
     began, notices = datetime.now(), Notices()
     source = file_name(settings.place or "") if settings.world else None
     writer = BackgroundWriter(settings.record or dated_folder("drives"), notices, source)

@@ -149,4 +149,4 @@ def exports(
         name, _, entry_weights = entry.name.partition(".")
         is_wanted = to in (None, name) and weights == (entry_weights or FLOAT)
         if is_wanted and entry.name not in OWN:
-            yield name, load_entry(entry)
+            yield name, load_entry(entry, ExportedFile)

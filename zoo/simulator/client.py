@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from zoo.base.entry_points import load_class
+from zoo.base.entry_points import load_named
 from zoo.base.output_files import checked_file
 from zoo.base.terminal import counted
 from zoo.base.video import FILMS, Film
@@ -295,7 +295,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     options.check()
     websocket_address(options.url)
     is_original = options.dialect == ClientOptions.dialect
-    kind = Client if is_original else load_class(DIALECTS, options.dialect, Client)
+    kind = Client if is_original else load_named(DIALECTS, options.dialect, Client)
     world = options.open()
     client = kind(world, options, console)
     client.print_once(f"{world.track.name}, drawn by the {world.drawing().name} renderer")

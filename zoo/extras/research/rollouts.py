@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from zoo.base.bounded_files import open_text, read_json
 from zoo.base.entry_points import load_entry, named_entries
@@ -57,6 +57,7 @@ class Wanted:
     columns: dict[str, str] = field(default_factory=dict)
 
 
+@runtime_checkable
 class RolloutKind(Protocol):
     """A kind of file with rollouts."""
 
@@ -173,7 +174,8 @@ def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
     """
     path = rollouts_path(path)
     content = read_json(path) if path.suffix.lower() == ".json" else _rows(path)
-    kinds: list[RolloutKind] = [*map(load_entry, named_entries("drivezoo.rollouts").values())]
+    entries = named_entries("drivezoo.rollouts").values()
+    kinds: list[RolloutKind] = [load_entry(entry, RolloutKind) for entry in entries]
     kind = next((kind for kind in kinds if kind.detect(content)), None)
     if kind is None:
         titles = ", ".join(sorted(kind.title for kind in kinds))

@@ -1,0 +1,40 @@
+"""What an entry point of another package must name, and what a broken one may not break."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from datamodules.known_formats import formats
+from tests.contracts.outside_package import installed
+from zoo.base.entry_points import load_named
+from zoo.base.errors import InputError
+from zoo.checkpoints.network_files import describe_network
+from zoo.checkpoints.policy_kinds import policy_kind
+from zoo.commands.compare import comparison_of
+from zoo.commands.leaderboard import paper_writers
+from zoo.driving.run_drives import all_drives
+from zoo.driving.scenario import Scenario
+from zoo.scoring.exported_file import exports
+from zoo.server.driven_simulator import SIMULATORS, DrivenSimulator
+
+USES: dict[str, Callable[[], object]] = {
+    "comparisons": lambda: comparison_of(["nowhere.csv"]),
+    "executors": lambda: all_drives("a.ckpt", [Scenario("lake")], executor="mine"),
+    "exports": lambda: list(exports("mine")),
+    "formats": formats,
+    "papers": lambda: paper_writers("paper"),
+    "policies": lambda: policy_kind({}),
+    "simulators": lambda: load_named(SIMULATORS, "mine", DrivenSimulator),
+    "weights": lambda: describe_network(Path("nowhere.h5")),
+}
+
+
+@pytest.mark.parametrize("group", USES)
+def test_what_is_of_another_kind_is_named(group: str, tmp_path: Path) -> None:
+    words = r"^outside_part:number: the \w+ mine is no [\w.]+; correct its package$"
+    with (
+        installed(tmp_path, "number = 5", f"drivezoo.{group}", attribute=":number"),
+        pytest.raises(InputError, match=words),
+    ):
+        USES[group]()
