@@ -336,7 +336,7 @@ def expert(env: gymnasium.Env, speed: float = 15.0) -> Callable[..., np.ndarray]
 
     def act(observation: Any = None) -> np.ndarray:
         nonlocal driver
-        if inner.world.time == 0:  # an episode begins, perhaps on another road
+        if inner.world.time == 0 or driver.track is not inner.world.track:  # a new episode or road
             driver = Expert(inner.world.track, settings)
         return np.array(driver(inner.world), np.float32)
 

@@ -181,6 +181,15 @@ def test_the_expert_drives_each_road_of_a_family() -> None:
         drivezoo.expert(gymnasium.make("CartPole-v1"))
 
 
+def test_the_expert_knows_a_road_on_which_another_driver_began() -> None:
+    env = gymnasium.make("Alpine-v0", quality="simple", width=32, height=16)
+    act = drivezoo.expert(env)
+    env.reset(seed=2)
+    observation, *_ = env.step([0, 0.5])
+    assert act(observation).tolist() == drivezoo.expert(env)(observation).tolist()
+    env.close()
+
+
 def test_a_recording_is_replayed(tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "lake", rows=190).folder
     keys = {"out": tmp_path / "a", "table": tmp_path / "a.tex"}
