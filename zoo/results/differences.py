@@ -237,7 +237,8 @@ def _p_value(a: Entry, b: Entry, roads: list[Road], paired: bool) -> float:
     """Return the p-value of the difference in the scores; 1 for too few places."""
     if not _has_interval(roads):
         return 1.0
-    return p_value(_difference(*_scores(a, b, roads, paired), paired), *clusters(roads))
+    scores_a, scores_b = _scores(a, b, roads, paired)
+    return p_value(_difference(scores_a, scores_b, paired), *clusters(roads))
 
 
 def _scores(a: Entry, b: Entry, roads: list[Road], paired: bool) -> list[np.ndarray]:
@@ -250,7 +251,7 @@ def _scores(a: Entry, b: Entry, roads: list[Road], paired: bool) -> list[np.ndar
         return tables
     shared = shared_seeds(a, b)
     return [
-        np.array([table[np.equal(side.training_seeds, seed)].mean(axis=0) for seed in shared])
+        np.array([table[np.array(side.training_seeds) == seed].mean(axis=0) for seed in shared])
         for table, side in zip(tables, (a, b), strict=True)
     ]
 
