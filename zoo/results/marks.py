@@ -21,8 +21,9 @@ from zoo.runs.result_table import Table, with_interval
 from zoo.scoring.blocks import Block, Box, Bullets, Code, Rows, Section, Text, to_html
 from zoo.scoring.drive_section import failure
 
-VERSION = 1  # of marks.json
 FAILURES = "failures"  # folder of the repeated worst drives
+VERSION = 1  # of marks.json
+KEYS = ("group", "figure", "value", "reached", "passed", "status")  # of a mark there
 PASSED, OPEN, MISSED = "passed", "open", "missed"
 DRIVE_MORE = "open: its interval holds the mark; drive more roads"
 TITLES = {
@@ -48,19 +49,20 @@ class Reached:
         figure: name of the figure, one of `FIGURES`.
         value: smallest value that passes; the largest one where lower is better.
         interval: what was reached, with its 95 % interval.
+        is_clean: whether the group was driven without an intervention.
     """
 
     group: str
     figure: str
     value: float
     interval: Interval
+    is_clean: bool
 
     @property
     def reached(self) -> float | None:
         """Return the figure; None if unknown, infinite for metres without an intervention."""
-        # Drives without an intervention have a lower bound only.
-        endless = self.figure == "m_per_intervention" and self.interval.low is not None
-        return math.inf if self.interval.value is None and endless else self.interval.value
+        endless = self.figure == "m_per_intervention" and self.is_clean
+        return math.inf if endless else self.interval.value
 
     @property
     def passed(self) -> bool:
@@ -85,15 +87,17 @@ class Reached:
         shown = FIGURES[self.figure]
         required = shown.form.format(shown.factor * self.value)
         bound = "at least" if shown.higher else "at most"
+        unknown = "none" if self.is_clean else "unknown"  # few roads have no bound
         reached = with_interval(self.interval, shown.form, shown.factor)
-        return shown.heading, f"{bound} {required}", "unknown" if reached == "-" else reached
+        return shown.heading, f"{bound} {required}", unknown if reached == "-" else reached
 
 
 def reached_marks(result: BenchmarkResult, marks: Mapping[str, Marks]) -> list[Reached]:
     """Return what an entry reached for each mark of the same suite."""
     return [
-        Reached(group, figure, value, result.groups[group][figure])
+        Reached(group, figure, value, figures[figure], figures["interventions_per_km"].value == 0)
         for group, limits in marks.items()
+        for figures in [result.groups[group]]
         for figure, value in limits.model_dump(exclude_unset=True).items()
     ]
 
@@ -146,13 +150,7 @@ def write_marks(
         **result.model_dump(include={"entry", "suite", "roads", "digest"}),
         "passed": verdict(reached) == PASSED,
         "marks_passed": sum(mark.passed for mark in reached),
-        "marks": [
-            {
-                key: getattr(mark, key)
-                for key in ("group", "figure", "value", "reached", "passed", "status")
-            }
-            for mark in reached
-        ],
+        "marks": [{key: getattr(mark, key) for key in KEYS} for mark in reached],
     }
     worst = [
         Section(f"Worst drives: {group}", _worst(folder, result, group, suite))
@@ -225,9 +223,8 @@ def _missed_groups(reached: Sequence[Reached]) -> list[str]:
 
 
 def _worst_first(result: BenchmarkResult, group: str) -> list[DriveRecord]:
-    drives = drives_of(result.drives, group)
     return sorted(
-        drives,
+        drives_of(result.drives, group),
         key=lambda drive: (drive.figures["interventions"], drive.figures["cte_mean_m"]),
         reverse=True,
     )

@@ -18,6 +18,7 @@ from zoo.base.limits import MOST
 from zoo.results.marks import marks_table, missed_line, reached_marks, verdict, write_marks
 from zoo.results.result import BenchmarkResult, Interval
 from zoo.results.suite import Marks, find_suite, read_suite
+from zoo.results.summary import summarize_drives
 from zoo.runs.page import hash_source
 
 MARKS = {
@@ -45,13 +46,14 @@ def result() -> BenchmarkResult:
     )
     content = synthetic_results.result(np.array([[1.0, 1.0, 0.9, 0.8]]), "<i>Ada's</i> net", roads)
     content["checkpoints"][0]["file"] = "my run/best.ckpt"
-    shared = {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
+    rate = {"interventions_per_km": figure(0.1)}
+    shared = rate | {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
     like = {"autonomy": figure(0.9), "without_intervention": figure(1.0)}
-    like["m_per_intervention"] = figure(None, 400.0, None)
+    like |= {"interventions_per_km": figure(0.0), "m_per_intervention": figure(None, 400.0, None)}
     looks = {"autonomy": figure(0.65, 0.6, 0.7), "without_intervention": figure(0.5)}
     looks["m_per_intervention"] = figure(90.0)
     content["groups"] = {"like": shared | like, "looks": shared | looks}
-    content["groups"]["all but laps"] = {"autonomy": figure(0.81)}
+    content["groups"]["all but laps"] = rate | {"autonomy": figure(0.81)}
     return BenchmarkResult.model_validate(content)
 
 
@@ -92,12 +94,21 @@ def test_a_mark_in_its_interval_is_open(
 def test_a_lower_error_passes_an_unknown_figure_not(
     result: BenchmarkResult, figure: str, mark: float, words: str
 ) -> None:
-    result.groups["like"]["m_per_intervention"] = Interval(value=None, low=None, high=None)
+    unknown = Interval(value=None, low=None, high=None)
+    result.groups["like"] |= dict.fromkeys(("interventions_per_km", "m_per_intervention"), unknown)
     (reached,) = reached_marks(result, marks_of({"like": {figure: mark}}))
     assert reached.passed == (not words)
     line = missed_line([reached])
     assert words in line
     assert bool(line) != reached.passed
+
+
+def test_few_roads_without_an_intervention_reach_all_metres(result: BenchmarkResult) -> None:
+    """Two roads have no intervals, so that the metres have no bound."""
+    drives = [drive for drive in result.drives if drive.group == "like"]
+    clean = result.model_copy(update=vars(summarize_drives(drives)))
+    (reached,) = reached_marks(clean, marks_of({"like": {"m_per_intervention": 500}}))
+    assert (reached.status, reached.texts[-1]) == ("passed", "none")
 
 
 @pytest.mark.parametrize(
