@@ -167,7 +167,8 @@ def score_challenge(
     car = car_of(policy, test, name)
     teams = {team: angles[rows] for team, angles in team_angles(folder, test.frame_ids)}
     angles = steer_rows(policy, test, rows, car, options.speed, console)
-    steered = {**baselines(test.angles, rows), **teams, name: angles}
+    steered = {**baselines(test.angles, rows), name: angles}
+    steered |= {f"{team}.csv" if team in steered else team: teams[team] for team in teams}
     rmse = {entry: test.rmse(rows, radians) for entry, radians in steered.items()}
     with command_folder(options.out, "challenges") as out:
         ids = [test.frame_ids[row] for row in rows]

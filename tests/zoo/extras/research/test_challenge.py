@@ -72,12 +72,20 @@ def test_the_errors_are_those_of_the_angles_of_each_half(folder: Path, tmp_path:
     assert saved["rmse_rad"]["team"]["private"]["value"] == pytest.approx(0.25)
 
 
-def test_odd_files_of_teams_are_left_out(folder: Path, tmp_path: Path) -> None:
-    write_team(folder, "policy.csv", frames_of(folder / TEST)[1])  # the network's own name
-    (folder / "example.csv").write_text("frame_id,steering_angle\n1,0.5\n")  # other frames
+def test_a_file_of_other_frames_is_left_out(folder: Path, tmp_path: Path) -> None:
+    (folder / "example.csv").write_text("frame_id,steering_angle\n1,0.5\n")
     result = drivezoo.challenge(RightHalf(), folder, out=tmp_path / "out")
-    assert result.rmse["policy"]["private"].value > 0.1
     assert "example" not in result.rmse
+
+
+@pytest.mark.parametrize("name", ["policy", "always zero"])
+def test_a_team_replaces_neither_the_network_nor_a_baseline(
+    folder: Path, tmp_path: Path, name: str
+) -> None:
+    write_team(folder, f"{name}.csv", frames_of(folder / TEST)[1])
+    result = drivezoo.challenge(RightHalf(), folder, out=tmp_path / "out")
+    assert result.rmse[name]["private"].value > 0.1
+    assert result.rmse[f"{name}.csv"]["private"].value < 1e-9
 
 
 def test_blocks_of_frames_are_resampled_and_not_frames() -> None:
