@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from zoo.base.command_keys import typed_keys
 from zoo.base.console_script import challenge_command
-from zoo.base.errors import UsageError
-from zoo.base.key_values import constructed
+from zoo.base.errors import UsageError, library_errors
+from zoo.base.key_values import constructed, convert
 from zoo.base.output_files import overwriting
 from zoo.base.parts import name_parts
 from zoo.base.run_command import expected_failure
@@ -130,9 +130,8 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
         # A notebook needs no ipywidgets: drivezoo shows no bar of tqdm's, which Lightning imports.
         warnings.filterwarnings("ignore", message="IProgress not found")
         parts: Any = kwargs.pop("parts", None) or []
-        names = [parts] if isinstance(parts, str | Path) else parts
         try:
-            name_parts(map(str, names))
+            name_parts(map(str, [parts] if isinstance(parts, str | Path) else parts))
             return function(*args, **kwargs)
         except Exception as error:
             if (failure := expected_failure(error)) is None:
@@ -371,17 +370,21 @@ def write_table(rows: Any, path: str | Path, overwrite: bool = False) -> Path:
 
     Args:
         rows: mappings, figures by the name of their column, or a DataFrame; such as the `table()`
-            or `to_pandas()` of a result.
+            or `to_pandas()` of a result. A named index, or one of texts, gives columns, too.
         path: file to write.
         overwrite: whether an existing file is replaced.
 
     Raises:
         InputError: the file's name has another ending, or it exists or cannot be written.
     """
-    if hasattr(rows, "notna"):  # a DataFrame has NaN where there is no figure
-        rows = rows.astype(object).where(rows.notna(), None).to_dict("records")
-    with overwriting(overwrite):
-        return write_result_table(Table.of_figures(rows), path)
+    with library_errors("rows", "have no figures by name", "give mappings, such as a table()"):
+        rows = rows.to_dicts() if hasattr(rows, "to_dicts") else rows  # of polars
+        if hasattr(rows, "notna"):  # a DataFrame of pandas has NaN where there is no figure
+            rows = rows.reset_index(drop=rows.index.dtype.kind == "i" and not any(rows.index.names))
+            rows = rows.astype(object).where(rows.notna(), None).to_dict("records")
+        table = Table.of_figures(rows)
+    with overwriting(convert("overwrite", bool, overwrite)):
+        return write_result_table(table, path)
 
 
 def overrides(keywords: Mapping[str, object]) -> list[str]:

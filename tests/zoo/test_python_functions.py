@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -280,6 +281,31 @@ def test_a_data_frame_is_written_as_its_rows(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     rows = pandas.DataFrame([{"a": 1.5, "b": "x"}, {"a": None, "b": None}])
     assert drivezoo.write_table(rows, tmp_path / "a.csv").read_text() == "a,b\n1.5,x\n,\n"
+    means = rows.assign(b=["y", "x"]).groupby("b").max()
+    assert drivezoo.write_table(means, tmp_path / "b.csv").read_text() == "b,a\nx,\ny,1.5\n"
+
+
+def test_a_data_frame_of_polars_is_written_as_its_rows(tmp_path: Path) -> None:
+    rows = [{3: 1.5, "b": "x"}, {3: None, "b": "y"}]
+    frame = SimpleNamespace(to_dicts=lambda: rows)  # polars is not among the tests' packages
+    assert drivezoo.write_table(frame, tmp_path / "a.csv").read_text() == "3,b\n1.5,x\n,y\n"
+    assert "| 3 | b |" in drivezoo.write_table(rows, tmp_path / "a.md").read_text()
+
+
+@pytest.mark.parametrize("rows", [None, {"a": [1, 2]}, [[1, 2]], SimpleNamespace(notna=len)])
+def test_rows_that_are_no_figures_by_name_are_refused(rows: object, tmp_path: Path) -> None:
+    with pytest.raises(drivezoo.InputError, match=r"rows: .*; give mappings, such as a table\(\)"):
+        drivezoo.write_table(rows, tmp_path / "a.csv")
+
+
+@pytest.mark.usefixtures("results")
+def test_a_text_false_does_not_replace_a_file() -> None:
+    table = drivezoo.read_benchmark("a").write_table("a.csv")
+    before = table.read_text()
+    for call in (drivezoo.read_benchmark("b").write_table, partial(drivezoo.write_table, [])):
+        with pytest.raises(drivezoo.UsageError, match="exists"):
+            call("a.csv", overwrite="false")
+        assert table.read_text() == before
 
 
 def test_a_name_that_is_not_utf8_is_written_to_parquet(tmp_path: Path) -> None:

@@ -160,9 +160,8 @@ def typed(value: object) -> str:
 
 def changed(options: object) -> list[str]:
     """Return the options that differ from the defaults of their class, as users type them."""
-    values, usual = vars(options).items(), type(options)()
-    words = []
-    for key, value in values:
+    usual, words = type(options)(), []
+    for key, value in vars(options).items():
         if is_dataclass(value):
             words += [f"{key}.{word}" for word in changed(value)]
         elif value != getattr(usual, key):

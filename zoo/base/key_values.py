@@ -50,10 +50,9 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     original = value
     parts = [getattr(part, "__origin__", part) for part in (*get_args(kind), kind)]
     plain = {get_origin(part) or part for part in parts}
-    if is_misplaced_bool(kind, value):
-        raise UsageError(f"{name}={typed(original)}: must be {wanted(kind)}")
     mark = entry_choice(kind)
-    if mark and value is not None and value not in mark.own and value not in mark.names:
+    is_named = not mark or value is None or value in mark.own or value in mark.names
+    if not is_named or is_misplaced_bool(kind, value):
         raise UsageError(f"{name}={typed(original)}: must be {wanted(kind)}")
     if isinstance(value, str) and plain & {list, tuple}:
         from zoo.base.bounded_files import parse_yaml  # slow import: YAML
@@ -69,8 +68,7 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     try:
         return _adapter(kind).validate_python(value)
     except ValidationError as error:
-        is_number = error.errors()[0]["type"] == "finite_number"
-        what = "a finite number" if is_number else wanted(kind)
+        what = "a finite number" if error.errors()[0]["type"] == "finite_number" else wanted(kind)
         raise UsageError(f"{name}={typed(original)}: must be {what}") from None
 
 

@@ -72,7 +72,7 @@ class Table:
         >>> Table.of_figures([{"network": "lenet", "autonomy": 0.98765}, {"network": None}]).cells
         [('lenet', '0.9877'), ('-', '-')]
         """
-        rows, columns = list(rows), []
+        rows, columns = [{str(name): cell for name, cell in row.items()} for row in rows], []
         for name in dict.fromkeys(name for row in rows for name in row):
             values = [row.get(name) for row in rows]
             columns.append(Column(name, name, list(map(_text, values)), {name: values}))
@@ -202,9 +202,8 @@ class Table:
         | --- | ---: |
         | **x\_1** | **2** |
         """
-        are_left = (
-            self._are_texts() if left is None else [n < left for n in range(len(self.columns))]
-        )
+        numbers = range(len(self.columns))
+        are_left = self._are_texts() if left is None else [number < left for number in numbers]
         rule = ["---" if is_left else "---:" for is_left in are_left]
         lines = [map(markdown_cell, self.headings), rule]
         for number, row in enumerate(self.cells):

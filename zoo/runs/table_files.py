@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from zoo.base.command import Shown
 from zoo.base.errors import UsageError, library_errors, optional_import
+from zoo.base.key_values import convert
 from zoo.base.output_files import checked_file, overwriting
 from zoo.base.terminal import printable
 from zoo.base.whole_file import write_output
@@ -63,7 +64,7 @@ class Result(Shown, ABC):
             UsageError: there is no such column, or the file exists.
         """
         names = columns if isinstance(columns, str | None) else ",".join(columns)
-        with overwriting(overwrite):
+        with overwriting(convert("overwrite", bool, overwrite)):
             return write_table(self.result_table(), path, names)
 
     def _repr_html_(self) -> str:
