@@ -114,6 +114,12 @@ class ChildCommand:
 
     def run_folder(self, outputs: Path) -> Path | None:
         """Return the folder of the newest run that the process has claimed; None before."""
-        paths = [*outputs.glob(f"*/*/{NAME}"), *outputs.glob(f"sweeps/*/*/*/{NAME}")]
-        ours = [path for path in paths if read_status(path.parent).get("pid") == self._process.pid]
-        return max(ours, key=lambda path: path.stat().st_mtime).parent if ours else None
+        runs, pid = begun_runs(outputs), self._process.pid
+        ours = [run for run in runs if read_status(run).get("pid") == pid]
+        return max(ours, key=lambda run: (run / NAME).stat().st_mtime) if ours else None
+
+
+def begun_runs(outputs: Path) -> list[Path]:
+    """Return the folders of trainings, also of those that have no checkpoint yet."""
+    paths = [*outputs.glob(f"*/*/{NAME}"), *outputs.glob(f"sweeps/*/*/*/{NAME}")]
+    return [path.parent for path in paths]

@@ -12,7 +12,9 @@ from zoo.base.command import is_path
 from zoo.base.conf_files import choices
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import OUTPUTS, packaged_names, runs_below, short_name
+from zoo.extras.studio.child_command import begun_runs
 from zoo.simulator.track_names import track_names
+from zoo.training.sweep_record import NAME as SWEEP
 
 RECORDINGS = (OUTPUTS / "recordings", Path("recordings"))
 UPLOADS = OUTPUTS / "studio" / "uploads"
@@ -111,7 +113,10 @@ class FolderStep:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainStep:
-    """A training, or the images that it feeds; a run to resume takes the place of the rest."""
+    """A training, or the images that it feeds; a run to resume takes the place of the rest.
+
+    With a run of a sweep, all its trainings that are not finished are resumed.
+    """
 
     step: Literal["train", "preview"]
     folder: str = ""
@@ -124,7 +129,9 @@ class TrainStep:
     def commands(self) -> list[list[str]]:
         """Return the words of each command after `drivezoo`."""
         if self.resume:
-            return [["train", f"resume={chosen('resume', self.resume, networks()['runs'])}"]]
+            run = Path(chosen("resume", self.resume, [*map(short_name, begun_runs(OUTPUTS))]))
+            is_job = (run.parent / SWEEP).is_file()  # its sweep has others to train
+            return [["sweep", f"resume={run.parent}"] if is_job else ["train", f"resume={run}"]]
         words = [self.step, f"experiment={chosen('recipe', self.recipe, choices('experiment'))}"]
         words += [f"data.root={existing(self.folder)}"] if self.folder else []
         if self.augment is not None:

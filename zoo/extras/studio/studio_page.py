@@ -70,7 +70,7 @@ class StudioPage(ServedPage):
         self.seat = hand_page.Seat()
         self.children: dict[str, ChildCommand] = {}
         self.editors: dict[str, ChildCommand] = {}  # by line; each may have unwritten edits
-        self.trainings = 1
+        self.seeds = self.trainings = 1
         self.watched: list[Watched] = []
         self.drive: dict[str, Any] = {}
         self._driving: threading.Thread | None = None
@@ -150,7 +150,10 @@ class StudioPage(ServedPage):
                 raise RequestError(HTTPStatus.CONFLICT, "a training runs; stop it first")
             self._stop(step.step)
             if isinstance(step, TrainStep) and step.step == "train":
-                self.trainings = 1 if step.resume else step.seeds
+                self.seeds = self.seeds if step.resume else step.seeds
+                # A sweep trains its jobs in order.
+                done = Path(step.resume).name if words[0][0] == "sweep" else ""
+                self.trainings = self.seeds - (int(done) if done.isdecimal() else 0)
             self.children[step.step] = ChildCommand(words[0])
 
     def _stop(self, room: str) -> None:

@@ -23,6 +23,7 @@ from zoo.extras.studio.child_command import ChildCommand
 from zoo.extras.studio.steps import UPLOADS
 from zoo.extras.studio.studio_page import KINDS, MOST_UPLOAD, StudioPage
 from zoo.extras.studio.watched_network import Watched, start_together
+from zoo.runs.status import write_status
 
 KEY = "a long enough key"
 LENET = PACKAGED / "lenet.ckpt"
@@ -95,6 +96,17 @@ def test_each_step_is_a_command(studio: Served, here: Path) -> None:
         "drivezoo evaluate lenet 'replay=my laps'"
     ]
     assert studio.line(step="rank") == ["drivezoo leaderboard"]
+
+
+def test_a_stopped_training_is_resumed_as_its_command_says(studio: Served, here: Path) -> None:
+    sweep, alone = Path("outputs/sweeps/2026-11-30/10-00-00"), "outputs/2026-11-30/11-00-00"
+    for run in (sweep / "0", Path(alone)):  # stopped before their first checkpoint
+        run.mkdir(parents=True)
+        write_status(run, "stopped")
+    (sweep / "sweep.json").touch()
+    assert studio.line(step="train", resume=alone) == [f"drivezoo train resume={alone}"]
+    resumed = studio.line(step="train", resume=str(sweep / "0"))
+    assert resumed == [f"drivezoo sweep resume={sweep}"]
 
 
 def test_an_editor_keeps_and_prints_its_edits(here: Path, capsys: pytest.CaptureFixture) -> None:

@@ -264,7 +264,7 @@ function showTraining() {
   const runs = child.status === null;
   $("[data-stop=train]").disabled = !runs;
   $("button.primary", forms.train).disabled = runs;
-  $("#resume").hidden = runs || !training.run || training.status === "finished";
+  $("#resume").hidden = runs || !training.run || child.status === 0;
   text($("#training-status"), runs ? `Training: ${child.line}` : `${child.status === 0 ? "Trained" : "Ended"}: ${child.line}`);
   const panel = $('[data-child="train"]');
   $("progress", panel).value = training.epochs ? training.epoch / training.epochs : 0;
