@@ -327,15 +327,19 @@ def read_column(path: Path, column: str) -> dict[str, float]:
     numbers: dict[str, float] = {}
     for label, fields in read_csv(path, (HEADER[0], column), bad):
         try:
-            numbers[fields[HEADER[0]]] = decimal(fields, column)
-            if column == HEADER[1] and abs(numbers[fields[HEADER[0]]]) > UNIT.full:
+            number, frame = decimal(fields, column), fields[HEADER[0]]
+            if column == HEADER[1] and abs(number) > UNIT.full:
                 raise ValueError(
                     f"{column} is {fields[column]}, beyond the wheel's {UNIT.full:g} radians; "
                     "divide degrees by 57.3"
                 )
+            if frame in numbers:
+                raise ValueError(f"has the frame {frame:.40} for the second time")
+            numbers[frame] = number
         except ValueError as error:
             bad.faults.append(f"{label}: {error}")
-    bad.finish(len(numbers), "")
+    if bad.faults:
+        raise InputError(f"{bad.faults[0]}; correct or delete the row")
     return numbers
 
 

@@ -146,6 +146,7 @@ def test_a_car_whose_steering_range_is_unknown_is_refused(folder: Path) -> None:
     [
         ("degrees", "divide degrees"),
         ("short", "of the frame"),
+        ("twice", "for the second time; correct or delete the row"),
         ("public", "public"),
         ("image", "no centre image"),
         ("none", "name the folder of the test"),
@@ -158,6 +159,9 @@ def test_a_damaged_test_is_one_line(folder: Path, change: str, words: str) -> No
     elif change == "short":
         team = write_team(folder, "team.csv", angles)
         team.write_text("\n".join(team.read_text().splitlines()[:-1] + [""]))
+    elif change == "twice":
+        team = write_team(folder, "team.csv", angles)
+        team.write_text(team.read_text() + f"{frames[0]},1.0\n")
     elif change == "public":
         (folder / TEST).write_text((folder / TEST).read_text().replace(",1\n", ",2\n"))
     elif change == "image":
