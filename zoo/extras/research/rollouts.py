@@ -243,6 +243,9 @@ def _rows(path: Path) -> list[dict[str, str]]:
     with open_text(path, MOST_CSV_BYTES) as file:
         try:
             reader, rows = csv.DictReader(file), []
+            names = [*filter(None, reader.fieldnames or ())]
+            if twice := [name for number, name in enumerate(names) if name in names[:number]]:
+                raise InputError(f"{path}: has the column {twice[0]} twice; rename or delete one")
             for row in reader:
                 if any(row.get(None, ())):  # such as what follows a decimal comma
                     where = f"{path}: line {reader.line_num}"

@@ -298,6 +298,7 @@ def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
         ("policy,success\na,2\nb,1\n", "line 2: success is 2, not 0 or 1"),
         ("policy,won\na,1\nb,0\n", "has no column success or score; name another with score="),
         ("policy,score\na,0.5\nb,0,5\n", r"line 3: has more cells than line 1; write 0\.5"),
+        ("policy,success,success\na,1,0\nb,0,0\n", "has the column success twice; rename"),
         ("policy,success\nStra\xdfe,1\nb,0\n", "is no CSV in UTF-8.*save it again"),
     ],
 )
