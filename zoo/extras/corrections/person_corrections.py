@@ -15,9 +15,10 @@ import numpy as np
 from datamodules.driving_log import CAMERAS, BadRows, read_fields, read_log
 from datamodules.formats.recording_writer import image_stems, put_image, write_log
 from datamodules.image import read_image
+from datamodules.recorded_car import write_car
 from datamodules.recording import IMAGE_FOLDER, LOG_NAME
 from datamodules.recording_format import read_recordings
-from datamodules.stretches import complete_times
+from datamodules.stretches import complete_times, missing_rows
 from zoo.base.errors import InputError
 from zoo.base.file_text import csv_text
 from zoo.base.new_folder import whole_folder
@@ -89,9 +90,13 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
     Raises:
         InputError: an image cannot be read.
     """
-    rows, lines = _corrected(options, out), []
+    rows, lines, ends = _corrected(options, out), [], set()
     with whole_folder(folder) as whole:
         (whole / IMAGE_FOLDER).mkdir()
+        if options.recording is not None:
+            recording = read_recordings(options.recording)
+            write_car(whole, recording)
+            ends = set((np.flatnonzero(missing_rows(recording)) + 1).tolist())
         stems = image_stems(np.array([time_s for time_s, *_ in rows]))
         for number, ((_, images, numbers), stem) in enumerate(zip(rows, stems, strict=True), 1):
             targets = [whole / IMAGE_FOLDER / f"{camera}_person_{stem}" for camera in CAMERAS]
@@ -99,9 +104,9 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
                 put_image(image, target, f"row {number}") if image else ""
                 for image, target in zip(images, targets, strict=True)
             ]
-            lines.append((names, numbers))
+            lines += [(names, numbers), *[None] * (number in ends)]
         write_log(whole, lines)
-    return len(lines)
+    return len(rows)
 
 
 def check_unchanged(options: CorrectOptions, out: Path, folder: Path) -> None:

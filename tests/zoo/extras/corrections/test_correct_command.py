@@ -15,7 +15,9 @@ import torch
 from omegaconf import OmegaConf
 
 from datamodules.image import read_image
+from datamodules.recorded_car import write_rig_of
 from datamodules.recording_format import read_recordings
+from datamodules.stretches import missing_rows
 from tests.contracts.test_policies import check_wrapper, of_model
 from tests.datamodules.exchange.test_tub import write_tub
 from tests.hostile.test_saved_configs import change, listed
@@ -29,6 +31,7 @@ from tests.zoo.trainings import SMALL
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.base.key_values import read_options
+from zoo.base.rig import UDACITY
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.policy_base import as_policy
@@ -246,6 +249,17 @@ def test_a_persons_recording_is_renamed(recorded: Written, checkpoint: str, tmp_
     assert recording.steering.tolist() == recorded.steering.tolist()
     assert recording.time_s.tolist() == recorded.time_s.tolist()
     assert rounds_of(tmp_path / "out")[1]["corrections"] == 120
+
+
+def test_a_persons_recording_keeps_its_car_and_its_pauses(recorded: Written, here: Path) -> None:
+    shutil.copytree(recorded.folder, "own")
+    write_rig_of(Path("own"), replace(UDACITY, name="mine"), "another_car")
+    lines = Path("own", "driving_log.csv").read_text().splitlines(keepends=True)
+    Path("own", "driving_log.csv").write_text("".join([*lines[:50], "\n", *lines[50:]]))
+    assert corrections_of_a_person(CorrectOptions(recording="own"), here, here / "new") == 120
+    recording = read_recordings(str(here / "new"))
+    assert recording.rig.name == "mine"
+    assert np.flatnonzero(missing_rows(recording)).tolist() == [49]
 
 
 def test_images_in_larger_files_are_corrections_too(recorded: Written, tmp_path: Path) -> None:
