@@ -7,6 +7,7 @@ import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -242,15 +243,19 @@ def read_policies(
 def _rows(path: Path) -> list[dict[str, str]]:
     with open_text(path, MOST_CSV_BYTES) as file:
         try:
-            reader, rows = csv.DictReader(file), []
-            names = [*filter(None, reader.fieldnames or ())]
-            if twice := [name for number, name in enumerate(names) if name in names[:number]]:
-                raise InputError(f"{path}: has the column {twice[0]} twice; rename or delete one")
-            for row in reader:
-                if any(row.get(None, ())):  # such as what follows a decimal comma
+            first = next((line for line in file if line.strip()), "")
+            file.seek(0)
+            separator = max(",;\t", key=first.count)  # the comma of a single column
+            reader = csv.reader(file, delimiter=separator, skipinitialspace=True)
+            names, rows = next(filter(any, reader), []), []
+            for number, name in enumerate(names):
+                if name and name in names[:number]:
+                    raise InputError(f"{path}: has the column {name} twice; rename or delete one")
+            for cells in filter(any, reader):
+                if any(cells[len(names) :]):  # such as what follows a decimal comma
                     where = f"{path}: line {reader.line_num}"
-                    raise InputError(f"{where}: has more cells than line 1; write 0.5, not 0,5")
-                rows.append(row)
+                    raise InputError(f"{where}: has more cells than the header; write 0.5, not 0,5")
+                rows.append(dict(zip_longest(names, cells[: len(names)], fillvalue="")))
         except (csv.Error, UnicodeDecodeError) as error:
             raise InputError(f"{path}: is no CSV in UTF-8 ({error}); save it again") from None
     check_most("rows", len(rows), path, "compare fewer rollouts")

@@ -290,6 +290,16 @@ def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
     assert (figure.low, figure.high) == pytest.approx((low, high), abs=0.01)
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t", ", "])
+def test_a_spreadsheets_separators_are_known(tmp_path: Path, separator: str) -> None:
+    lines = ["", "policy,success,note", "a,1,x", ",,", "b,0", ""]
+    text = "\n".join(lines).replace(",", separator)
+    (tmp_path / "r.csv").write_text(text, encoding="utf-8-sig")
+    result = drivezoo.compare(tmp_path / "r.csv", out=tmp_path / "out.json")
+    scores = {name: [row.score for row in rows] for name, rows in result.policies.items()}
+    assert scores == {"a": [1.0], "b": [0.0]}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -297,7 +307,7 @@ def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
         ("policy,success\na,1\nb,maybe\n", "line 3.*is no score"),
         ("policy,success\na,2\nb,1\n", "line 2: success is 2, not 0 or 1"),
         ("policy,won\na,1\nb,0\n", "has no column success or score; name another with score="),
-        ("policy,score\na,0.5\nb,0,5\n", r"line 3: has more cells than line 1; write 0\.5"),
+        ("policy,score\na,0.5\nb,0,5\n", r"line 3: has more cells than the header; write 0\.5"),
         ("policy,success,success\na,1,0\nb,0,0\n", "has the column success twice; rename"),
         ("policy,success\nStra\xdfe,1\nb,0\n", "is no CSV in UTF-8.*save it again"),
     ],
