@@ -252,18 +252,21 @@ def take_upload(name: str, environ: dict) -> str:
     if not length.isdecimal() or len(length) > 9 or not 0 < int(length) < MOST_UPLOAD:
         line = f"{name[:80]}: must have 1 to {MOST_UPLOAD:,} bytes"
         raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, line)
-    UPLOADS.mkdir(parents=True, exist_ok=True)
     word = "".join(letter for letter in Path(name).stem if letter.isalnum() or letter in "-_")
     path = UPLOADS / f"{word[:40] or 'network'}-{secrets.token_hex(4)}{kind}"
     try:
+        UPLOADS.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as file:
             left = int(length)
             while left and (part := environ["wsgi.input"].read(min(left, 1 << 16))):
                 left -= file.write(part)
         if left:
             raise OSError
-    except OSError:
-        path.unlink(missing_ok=True)
+    except OSError as error:
+        with suppress(OSError):  # it was not created
+            path.unlink()
+        if error.strerror and not isinstance(error, ConnectionError | TimeoutError):
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         raise RequestError(HTTPStatus.REQUEST_TIMEOUT, "the file did not arrive") from None
     if kind in DRIVES:
         return short_name(path)

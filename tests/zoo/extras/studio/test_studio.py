@@ -18,7 +18,7 @@ from tests.zoo.page_requests import Answer, ask
 from tests.zoo.simulator.person import Person
 from zoo.base.page_server import PageServer
 from zoo.checkpoints.checkpoint_path import PACKAGED
-from zoo.extras.studio import watched_network
+from zoo.extras.studio import studio_page, watched_network
 from zoo.extras.studio.child_command import ChildCommand
 from zoo.extras.studio.steps import UPLOADS
 from zoo.extras.studio.studio_page import KINDS, MOST_UPLOAD, StudioPage
@@ -207,6 +207,16 @@ def test_an_upload_lies_in_a_folder_of_its_own(studio: Served, here: Path) -> No
     for length in (str(MOST_UPLOAD), "9" * 5000):
         long = {"Content-Length": length}
         assert studio.ask("POST", "/upload?name=a.ckpt", None, **long)[0] == 413
+
+
+def test_an_upload_that_cannot_be_written_says_why(
+    studio: Served, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(studio_page, "UPLOADS", here / "file" / "uploads")
+    (here / "file").touch()
+    status, _, body = studio.ask("POST", "/upload?name=net.onnx", b"x")
+    assert status == 400
+    assert "cannot be written" in json.loads(body)["error"]
 
 
 @pytest.mark.slow
