@@ -5,7 +5,7 @@ A kind of file is an object with `detect` and `read`, named by the entry point `
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -56,6 +56,19 @@ class Wanted:
 
     score: str = ""
     columns: dict[str, str] = field(default_factory=dict)
+
+
+class Row(dict[str, str]):
+    """A row of a CSV file.
+
+    Args:
+        line: number of the row's last line in the file.
+        cells: names of columns and cells.
+    """
+
+    def __init__(self, line: int, cells: Iterable[tuple[str, str]]) -> None:
+        super().__init__(cells)
+        self.line = line
 
 
 @runtime_checkable
@@ -146,10 +159,11 @@ class TableKind:
             columns[key] = typed or next((name for name in choices if name in names), None)
         score = wanted.score or next((name for name in SCORES if name in names), "")
         rollouts = []
-        for number, row in enumerate(content, 2):
+        for number, row in enumerate(content, 1):
             cells = {key: row[name] if name else None for key, name in columns.items()}
             texts = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
-            where = f"{path}: line {number}"
+            place = f"line {row.line}" if isinstance(row, Row) else f"rollout {number}"
+            where = f"{path}: {place}"
             value = _number(_score(row, score, path), where)
             if score == "success" and value not in (0, 1):
                 raise InputError(f"{where}: success is {value:g}, not 0 or 1; name it score")
@@ -240,7 +254,7 @@ def read_policies(
     return policies, notes
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
+def _rows(path: Path) -> list[Row]:
     with open_text(path, MOST_CSV_BYTES) as file:
         try:
             first = next((line for line in file if line.strip()), "")
@@ -255,7 +269,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
                 if any(cells[len(names) :]):  # such as what follows a decimal comma
                     where = f"{path}: line {reader.line_num}"
                     raise InputError(f"{where}: has more cells than the header; write 0.5, not 0,5")
-                rows.append(dict(zip_longest(names, cells[: len(names)], fillvalue="")))
+                row = zip_longest(names, cells[: len(names)], fillvalue="")
+                rows.append(Row(reader.line_num, row))
         except (csv.Error, UnicodeDecodeError) as error:
             raise InputError(f"{path}: is no CSV in UTF-8 ({error}); save it again") from None
     check_most("rows", len(rows), path, "compare fewer rollouts")

@@ -305,6 +305,7 @@ def test_a_spreadsheets_separators_are_known(tmp_path: Path, separator: str) -> 
     [
         ("policy,success\na,1\n", "one policy alone"),
         ("policy,success\na,1\nb,maybe\n", "line 3.*is no score"),
+        ("policy,success\n\na,1\n\nb,maybe\n", "line 5.*is no score"),
         ("policy,success\na,2\nb,1\n", "line 2: success is 2, not 0 or 1"),
         ("policy,won\na,1\nb,0\n", "has no column success or score; name another with score="),
         ("policy,score\na,0.5\nb,0,5\n", r"line 3: has more cells than the header; write 0\.5"),
@@ -337,3 +338,6 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     path.write_text('{"other": 1}')
     with pytest.raises(InputError, match="known are: Bench2Drive, LeRobot, table"):
         drivezoo.compare(path, path, out=tmp_path / "out.json")
+    path.write_text('[{"policy": "a", "success": "maybe"}]')
+    with pytest.raises(InputError, match=r"json: rollout 1: 'maybe' is no score"):
+        drivezoo.compare(path, out=tmp_path / "out.json")
