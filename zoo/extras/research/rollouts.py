@@ -180,8 +180,10 @@ def rollouts_path(path: Path) -> Path:
     return next((file for file in files if file.is_file()), path) if path.is_dir() else path
 
 
-def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
-    """Return the rollouts of a file, and notes.
+def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str], bool | None]:
+    """Return the rollouts of a file, notes, and whether the usual scores are successes.
+
+    That is None for a column `score` of 0 and 1, which may be either.
 
     Raises:
         InputError: the file cannot be read, is of no known kind, or a value is wrong.
@@ -203,7 +205,9 @@ def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
         ) from None
     if not rollouts:
         raise InputError(f"{path}: has no rollouts; evaluate the policy again")
-    return rollouts, notes
+    is_won = all(row.score in (0, 1) for row in rollouts)
+    is_either = is_won and table.detect(content) and SCORES[0] not in content[0]
+    return rollouts, notes, None if is_either else is_won
 
 
 def read_policies(
@@ -222,9 +226,9 @@ def read_policies(
         raise UsageError(f"names={','.join(names)}: needs a name for each of {len(paths)} files")
     policies: dict[str, list[Rollout]] = {}
     notes: list[str] = []
-    successes: dict[bool, Path] = {}  # a file for each: its scores are 0 and 1, or others
+    successes: dict[bool | None, Path] = {}  # a file for each
     for number, path in enumerate(paths):
-        rollouts, more = read_file(path, wanted)
+        rollouts, more, is_won = read_file(path, wanted)
         notes += more
         inside = [*dict.fromkeys(row.policy for row in rollouts)]
         if names and len(inside) > 1:
@@ -232,12 +236,12 @@ def read_policies(
                 f"names={','.join(names)}: {path} has {len(inside)} policies, {inside[0]} first; "
                 "leave names= out, or save one policy in each file"
             )
-        successes.setdefault(all(row.score in (0, 1) for row in rollouts), path)
+        successes.setdefault(is_won, path)
         for row in rollouts:
             name = names[number] if names else row.policy or str(path)
             training = row.training or (str(path) if names.count(name) > 1 else "")
             policies.setdefault(name, []).append(replace(row, policy=name, training=training))
-    if len(successes) > 1 and not wanted.score:
+    if {True, False} <= successes.keys() and not wanted.score:
         raise UsageError(
             f"{successes[True]}: has successes, {successes[False]} other scores; name the score "
             "that all files have with score=NAME"
