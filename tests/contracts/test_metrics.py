@@ -2,11 +2,13 @@
 
 import json
 import math
+import re
 import sys
 from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -91,6 +93,27 @@ def test_a_metric_that_returns_a_number_of_numpy_is_written(number: str, tmp_pat
     with installed(tmp_path, code, "drivezoo.metrics", METRICS):
         figures = measure(DRIVES_OF_ROWS["embedded"])
     assert json.dumps(figures["mine"]) in ("3", "3.0")
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("return 1 / 0", "line 7: ZeroDivisionError: division by zero; correct it"),
+        ("return 'fast'", "ValueError: could not convert string to float: 'fast'; return a number"),
+        ("return drive.time_s", "TypeError: .*; return a number"),
+    ],
+)
+def test_a_metric_that_fails_is_named_and_unknown(
+    statement: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = "from zoo.driving.metrics import metric\n\n\n@metric('mine', '1', 'neither', 'us')\n"
+    code += f"def mine(drive):\n    'Its definition.'\n    {statement}\n"
+    with installed(tmp_path, code, "drivezoo.metrics", METRICS):
+        figures = measure(DRIVES_OF_ROWS["embedded"])
+    assert math.isnan(figures.pop("mine"))
+    np.testing.assert_equal(figures, measure(DRIVES_OF_ROWS["embedded"]))
+    line = capsys.readouterr().err
+    assert re.fullmatch(f"metric mine is unknown: outside_part: {reason}\n", line), line
 
 
 def test_a_benchmark_has_a_users_metric_with_its_interval() -> None:

@@ -126,17 +126,14 @@ def place_of(name: str) -> str | None:
 def extra_commands() -> dict[str, str]:
     """Return the places of the extras' commands, by the command's name."""
     entries = named_entries(ENTRY_POINTS).values()
-    return {
-        entry.name: entry.value for entry in entries if is_extra(entry) and "." not in entry.name
-    }
+    return {each.name: each.value for each in entries if is_extra(each) and "." not in each.name}
 
 
 def outside_commands() -> dict[str, str]:
     """Return the place of each command of other installed packages, by the command's name."""
     internal = {*commands(), *LISTED, *extra_commands()}
-    entries = named_entries(ENTRY_POINTS)
-    names = [name for name in entries if name not in internal and "." not in name]
-    return {name: entries[name].value for name in names}
+    entries = named_entries(ENTRY_POINTS).items()
+    return {name: each.value for name, each in entries if name not in internal and "." not in name}
 
 
 def commands_below(name: str) -> dict[str, "Command[Any]"]:
@@ -145,8 +142,8 @@ def commands_below(name: str) -> dict[str, "Command[Any]"]:
     Raises:
         InputError: one of them cannot be imported, or is no command.
     """
-    entries, start = named_entries(ENTRY_POINTS), f"{name}."
-    below = (entry for entry in entries.values() if entry.name.startswith(start))
+    entries, start = named_entries(ENTRY_POINTS).values(), f"{name}."
+    below = (entry for entry in entries if entry.name.startswith(start))
     return {entry.name.removeprefix(start): load(entry.value) for entry in below}
 
 

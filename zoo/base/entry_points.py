@@ -55,10 +55,8 @@ def load_entry(entry: EntryPoint, kind: Any) -> Any:
     try:
         loaded = entry.load()
     except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__}: {error}"
-        raise InputError(
-            f"{what} cannot be imported ({reason}); install its package again"
-        ) from None
+        fault = f"cannot be imported ({type(error).__name__}: {error})"
+        raise InputError(f"{what} {fault}; install its package again") from None
     if isinstance(loaded, kind) or kind in getattr(loaded, "__mro__", ()):
         return loaded
     raise InputError(f"{what} is no {kind.__module__}.{kind.__name__}; correct its package")

@@ -62,8 +62,7 @@ def weights_reader(path: Path) -> WeightsReader | None:
     with file_errors(path, "{}; name another file"), open_binary(path, MOST_BYTES) as file:
         if torch_kind(file):
             return None
-    readers = load_entries(GROUP, WeightsReader)
-    return next((reader for reader in readers if reader.detect(path)), None)
+    return next((each for each in load_entries(GROUP, WeightsReader) if each.detect(path)), None)
 
 
 def read_network(path: Path) -> nn.Module:

@@ -79,9 +79,7 @@ def serve(
     from zoo.server.driver import Driver
     from zoo.server.server import DriveServer
 
-    simulator = None
-    if settings.world:
-        simulator = load_named(SIMULATORS, settings.world, DrivenSimulator)
+    simulator = settings.world and load_named(SIMULATORS, settings.world, DrivenSimulator)
     began, notices = datetime.now(), Notices()
     source = file_name(settings.place or "") if settings.world else None
     writer = BackgroundWriter(settings.record or dated_folder("drives"), notices, source)

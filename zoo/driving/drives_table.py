@@ -83,9 +83,8 @@ def tied_line(drives: Sequence[dict]) -> str | None:
     'another kind of processor gives other figures: opengl draws the frames'
     """
     reasons = dict.fromkeys(drive["tied"] for drive in drives if drive.get("tied"))
-    return (
-        f"another kind of processor gives other figures: {', '.join(reasons)}" if reasons else None
-    )
+    line = f"another kind of processor gives other figures: {', '.join(reasons)}"
+    return line if reasons else None
 
 
 def with_deviation(figure: Spread, form: str, drives: int | None = None) -> str:

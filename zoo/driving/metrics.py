@@ -7,13 +7,16 @@ out.
 """
 
 import math
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from inspect import getdoc
+from operator import index
 from typing import Any, TypeVar
 
 import numpy as np
 
+from zoo.base.parts import part_failure
 from zoo.base.registry import Registry
 from zoo.base.rig import MPS_PER_MPH
 from zoo.driving import tally
@@ -139,9 +142,23 @@ def measure(drive: Drive) -> dict[str, float]:
     not tell the progress along the track.
     """
     known = {name: value for name, value in drive.summary.items() if value is not None}
-    figures = {name: known.get(name, each.function(drive)) for name, each in METRICS.items()}
-    # A user's function may return a number of NumPy, which JSON has not.
-    return {key: np.asarray(value).item() for key, value in figures.items() if value is not None}
+    figures = {name: known.get(name, _figure(each, drive)) for name, each in METRICS.items()}
+    return {key: value for key, value in figures.items() if value is not None}
+
+
+def _figure(metric: Metric, drive: Drive) -> float | None:
+    """Return a metric of a drive; NaN, and a line that names it, if a part's function fails."""
+    try:
+        value: Any = metric.function(drive)
+        # A user's function may return a number of NumPy, which JSON has not.
+        return value if value is None else (index if metric.whole else float)(value)
+    except Exception as error:  # a user's function may raise any
+        if metric.name in METRICS.own():
+            raise
+        plain = f"{metric.function.__module__}: {type(error).__name__}: {error}; return a number"
+        reason = part_failure(error) or plain
+        print(f"metric {metric.name} is unknown: {reason}", file=sys.stderr)
+        return math.nan
 
 
 def leaderboard_metrics() -> list[Metric]:
@@ -426,8 +443,7 @@ def _driven_steps(drive: Drive, time_s: np.ndarray) -> np.ndarray:
 
 
 def _known(column: np.ndarray) -> np.ndarray:
-    finite: np.ndarray = column[np.isfinite(column)]
-    return finite
+    return np.compress(np.isfinite(column), column)
 
 
 def _mean(values: np.ndarray) -> float:
