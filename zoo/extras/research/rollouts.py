@@ -190,7 +190,7 @@ def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str], boo
         UsageError: there is no such column or score.
     """
     path = rollouts_path(path)
-    content = read_json(path) if path.suffix.lower() == ".json" else _rows(path)
+    content: Any = read_json(path) if path.suffix.lower() == ".json" else _rows(path)
     entries = named_entries("drivezoo.rollouts").values()
     kinds: list[RolloutKind] = [load_entry(entry, RolloutKind) for entry in entries]
     kind = next((kind for kind in kinds if kind.detect(content)), None)
@@ -206,7 +206,7 @@ def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str], boo
     if not rollouts:
         raise InputError(f"{path}: has no rollouts; evaluate the policy again")
     is_won = all(row.score in (0, 1) for row in rollouts)
-    is_either = is_won and table.detect(content) and SCORES[0] not in content[0]
+    is_either = is_won and kind is table and SCORES[0] not in content[0]
     return rollouts, notes, None if is_either else is_won
 
 

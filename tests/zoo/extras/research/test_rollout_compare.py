@@ -247,7 +247,7 @@ def test_successes_are_not_compared_with_other_scores(tmp_path: Path) -> None:
             drivezoo.compare(*each, out=tmp_path / "out.json")
     drivezoo.compare(*files, score="reward", out=tmp_path / "out.json")
     files[0].write_text("score\n1.0\n1.0\n")  # of the same scale as b.csv
-    drivezoo.compare(*files, out=tmp_path / "out.json")
+    drivezoo.compare(*files, out=tmp_path / "scores.json")
 
 
 def test_a_policy_that_scored_0_has_no_interval_where_another_scored_more(tmp_path: Path) -> None:
