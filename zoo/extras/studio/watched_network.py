@@ -7,6 +7,7 @@ length and JSON of the state, then the length and the bytes of the JPEG.
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -15,6 +16,7 @@ from contextlib import suppress
 from typing import IO, Any
 
 from zoo.base.child_process import end_module, limit_resource, start_module
+from zoo.base.run_command import STOPPED
 from zoo.simulator.hand_page import LatestFrame
 
 MOST_BYTES = 4_000_000_000  # memory of a process; its files are limited to one hundredth
@@ -84,10 +86,10 @@ class Watched:
         self.ready.set()
         time.sleep(0.1)  # for the last line of its errors
         lines = self._errors.decode(errors="replace").strip().splitlines()
-        if status > 0 and not self.failure:
-            self.failure = lines[-1] if lines else f"ended with {status}"
-        elif status < 0 and not self.failure:
-            self.failure = "was stopped" if -status == 2 else f"ended with {status}"
+        if status in (STOPPED, -signal.SIGINT):
+            self.failure = self.failure or "was stopped"
+        elif status and not self.failure:
+            self.failure = lines[-1] if status > 0 and lines else f"ended with {status}"
 
     def _note(self) -> None:
         pipe: Any = self._process.stderr

@@ -272,6 +272,8 @@ def test_networks_drive_side_by_side_and_broken_files_say_so(here: Path, paths: 
         for network in networks:
             network.stop()
     assert not any(network.running for network in networks)
+    wait_until(lambda: first.failure)
+    assert first.failure == "was stopped"
 
 
 def test_a_network_that_is_silent_is_ended(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
