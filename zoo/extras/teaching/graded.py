@@ -374,7 +374,7 @@ def _write_page(out: Path, grade: Grade, is_secret: bool, problems: Sequence[str
 def _named(drive: DriveRecord, is_secret: bool) -> str:
     """Return the heading of a drive; a drawn road is named by its family alone."""
     family = DRAWN.fullmatch(drive.track)
-    road = f"a road of {family[1]}" if is_secret and family else drive.track
+    road = f"a road of {Path(family[1]).stem}" if is_secret and family else drive.track
     return ", ".join([f"{drive.group}: {road}", *typed_settings(drive.settings)])
 
 

@@ -116,6 +116,7 @@ def test_each_student_has_a_row_and_a_page(marked: graded.Graded) -> None:
         assert words in pages[name]
     assert "Not passed" in pages["ben"]
     assert "data:video/mp4;base64," in pages["ben"]
+    assert "a road of short" in pages["ben"]
     assert "<video" not in pages["ada"]
     rows = {row["student"]: row for row in marked.table()}
     assert rows["ben"]["like_autonomy"] < 0.9 <= rows["ada"]["like_autonomy"]
