@@ -11,7 +11,6 @@ from datamodules.run_data import RunData
 from datamodules.split import PARTS
 from zoo.base.console_progress import working
 from zoo.base.terminal import counted, print_line, print_written
-from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.runs import plots
 from zoo.runs.code_fingerprint import code_fingerprint, package_versions
@@ -116,8 +115,7 @@ def write_metrics(
         fields: further fields of the file.
     """
     samples, seconds, epochs = module.train_samples, module.train_seconds, module.train_epochs
-    trained, best = module.trainer.current_epoch, folder / "checkpoints" / "best.ckpt"
-    validated = best.is_file() and read_curves(folder)["val/mse"]
+    trained, choice = module.trainer.current_epoch, fields["choice"] or {}
     metrics = {
         "model": card["config"]["model"]["name"],
         "parameters": sum(p.numel() for p in module.network.parameters()),
@@ -126,7 +124,7 @@ def write_metrics(
         "baselines": open_loop.baselines,
         "epochs": trained,
         "train_samples": samples // max(epochs, 1) * trained,
-        "best_epoch": read_checkpoint_file(best)["epoch"] + 1 if validated else None,
+        "best_epoch": choice.get("epoch") or None,  # not 0, of the initial weights
         "samples_per_second": samples / seconds if seconds else None,
         "seconds_per_epoch": seconds / epochs if seconds else None,
         "seed": card["config"]["seed"],
@@ -160,8 +158,7 @@ def print_conclusion(
             f"{metrics['samples_per_second']:,.0f} samples/s, {metrics['wall_s']:.0f} s total"
             + (f"; best after epoch {best}" if best else ""),
         )
-    best_path = folder / "checkpoints" / "best.ckpt"
-    written = [best_path] if best_path.is_file() else []
+    written = [*folder.glob("checkpoints/best.ckpt")]
     try:
         with working("writing the report", console):
             written.append(write_report(folder))

@@ -21,6 +21,8 @@ from zoo.training import conclusion
 from zoo.training.closed_loop import ClosedLoop
 from zoo.training.conclusion import read_curves
 
+NO_ROWS = "trainer.limit_val_batches=0 callbacks.best.monitor=train/loss"
+
 
 @pytest.mark.parametrize(
     ("keys", "epochs", "best"),
@@ -32,6 +34,7 @@ from zoo.training.conclusion import read_curves
         *slow(("trainer.max_steps=20 trainer.max_epochs=9", 2, "lowest val/mse")),
         ("trainer.val_check_interval=0.5 trainer.max_epochs=1", 1, "lowest val/mse"),
         ("trainer.max_epochs=0", 0, "epoch 0: the initial weights"),
+        (f"{NO_ROWS} callbacks.early_stopping=null", 2, "lowest train/loss"),
     ],
 )
 def test_a_run_ends_whole_however_rare_validations_are(
@@ -40,7 +43,9 @@ def test_a_run_ends_whole_however_rare_validations_are(
     printed = train("callbacks=early_stopping", "trainer.max_epochs=2", *keys.split())
     (line,) = [text for text in printed.splitlines() if text.startswith("best.ckpt is of epoch")]
     assert best in line
-    assert Run(tmp_path / "run").metrics["epochs"] == epochs
+    figures = Run(tmp_path / "run").metrics
+    assert figures["epochs"] == epochs
+    assert figures["best_epoch"] == (figures["choice"]["epoch"] or None)
     for name in ("best", "last"):
         load_checkpoint(tmp_path / "run" / "checkpoints" / f"{name}.ckpt")
 
@@ -62,9 +67,6 @@ def test_a_profiler_prints_its_summary(train) -> None:
 def test_a_trial_run_writes_no_checkpoint(train, tmp_path: Path) -> None:
     train("trainer.fast_dev_run=true")
     assert not list(tmp_path.glob("run/checkpoints/*"))
-
-
-NO_ROWS = "trainer.limit_val_batches=0 callbacks.best.monitor=train/loss"
 
 
 @pytest.mark.parametrize(
