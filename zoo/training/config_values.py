@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
-from datamodules.balance import Count
+from datamodules.balance import Count, Least0, Share
 from zoo.base.command_keys import choices_of, typed, wanted
 from zoo.base.compose import LISTS_ALL, plain_dict
 from zoo.base.errors import UsageError, hint
@@ -26,15 +26,19 @@ from zoo.training.run_module import RunModule
 TARGET, HYDRA = "_target_", ("_target_", "_partial_", "_convert_", "_recursive_", "_args_")
 # Keys that the section's constructor does not take: drivezoo reads them.
 OWN = {"model": BORDER_KEYS, "trainer": OWN_KEYS, "optim": ("l2", "backbone_lr", "lr_batch")}
-BOUNDED: dict[str, Any] = {"trainer.max_epochs": Annotated[int, Field(ge=0)]}
-BOUNDED["seed"] = Annotated[int, Field(ge=0, le=10**12)]  # times 1,000,003 in 64 bits
-NOT_NEGATIVE = Annotated[float, Field(ge=0)]
-BOUNDED |= {"optim.l2": NOT_NEGATIVE, "optim.backbone_lr": NOT_NEGATIVE | None}
+# A seed is multiplied by 1,000,003 in 64 bits.
+BOUNDED: dict[str, Any] = {"optim.momentum": Share, "seed": Annotated[int, Field(ge=0, le=10**12)]}
+BOUNDED |= dict.fromkeys(("optim.l2", "callbacks.early_stopping.min_delta"), Least0)
+WAITS = ("trainer.max_epochs", "schedule.patience", "callbacks.early_stopping.patience")
+BOUNDED |= dict.fromkeys(WAITS, Annotated[int, Field(ge=0)])
+BOUNDED |= dict.fromkeys(("optim.backbone_lr", "trainer.gradient_clip_val"), Least0 | None)
 BOUNDED |= dict.fromkeys(("optim.lr_batch", "trainer.check_val_every_n_epoch"), Count | None)
 BOUNDED |= dict.fromkeys(("trainer.accumulate_grad_batches", "schedule.step_size"), Count)
 # datamodules.balance shards each batch: Lightning's sampler would shard the batches again.
 BOUNDED |= dict.fromkeys(("trainer.use_distributed_sampler", "trainer.barebones"), Literal[False])
-BOUNDED |= dict.fromkeys(("optim.lr", "loss.delta", "loss.weight"), Annotated[float, Field(gt=0)])
+ABOVE_0 = Annotated[float, Field(gt=0)]
+FACTORS = ("optim.lr", "loss.delta", "loss.weight", "schedule.factor", "schedule.gamma")
+BOUNDED |= dict.fromkeys(FACTORS, ABOVE_0) | {"trainer.limit_train_batches": ABOVE_0 | None}
 BOUNDED["callbacks.best.save_top_k"] = Literal[1]  # of several, the newest would be in best.ckpt
 BOUNDED["callbacks.last.save_weights_only"] = Literal[False]  # resume= needs the optimizer
 SET_BY_RUN = dict.fromkeys(("callbacks", "enable_checkpointing"), "callbacks=NAME")
