@@ -155,9 +155,8 @@ def take(checkpoints: Path, file: str) -> None:
     monitored.unlink(missing_ok=True)
     if file == BEST:
         return
-    chosen = (checkpoints / file).read_bytes()
     write_whole(monitored, best.read_bytes())
-    write_whole(best, chosen)
+    write_whole(best, (checkpoints / file).read_bytes())
 
 
 def restore_monitored(folder: Path) -> None:

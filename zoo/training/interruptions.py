@@ -122,7 +122,8 @@ def has_stopped_early(contents: dict, patience: int | None) -> bool:
     state = next((states[key] for key in states if key.startswith("EarlyStopping")), None)
     if state is None or patience is None:
         return False
-    has_stopped = 0 < state["stopped_epoch"] == contents["epoch"]
+    reason = state.get("stopping_reason", state["stopped_epoch"])  # 0 for no stop, as the epoch is
+    has_stopped = bool(reason) and state["stopped_epoch"] == contents["epoch"]
     return has_stopped and not state["patience"] <= state["wait_count"] < patience
 
 

@@ -308,6 +308,18 @@ def test_a_run_that_was_stopped_while_it_was_scored_trains_no_further_epoch(
     assert metrics(early)["epochs"] == epochs
 
 
+def test_early_stopping_in_the_first_epoch_is_an_end_too(
+    train: Train, zoo: Zoo, tmp_path: Path
+) -> None:
+    train("callbacks=early_stopping", "+callbacks.early_stopping.stopping_threshold=5")
+    change_status(tmp_path / "run", status="stopped")
+    succeed(zoo("resume=run"))
+    assert metrics(tmp_path / "run")["epochs"] == 1
+    assert "early stopping ended the run" in only_line(
+        zoo("resume=run", "trainer.max_epochs=60"), 2
+    )
+
+
 def change_config(run: Path, **sections: dict) -> None:
     """Change keys of sections in a run's saved config; None removes one."""
     path = run / ".hydra" / "config.yaml"
