@@ -112,11 +112,9 @@ def with_file_settings(config: DictConfig) -> DictConfig:
     if not issubclass(kind, FileNetwork):
         return config
     model = plain_dict(config.model)
-    settings = kind.file_settings(model, view_of(model, config.data.crop))
-    if not settings:
-        return config
-    config = config.copy()
-    config.model.update(settings)
+    if settings := kind.file_settings(model, view_of(model, config.data.crop)):
+        config = config.copy()
+        config.model.update(settings)
     return config
 
 
