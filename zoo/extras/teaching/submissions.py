@@ -19,7 +19,7 @@ from zoo.extras.teaching.submitted_network import NetworkFacts
 from zoo.results.result import Driver
 
 ENDINGS = (".ckpt", ".onnx")
-NOTES = (".csv", ".html", ".ini", ".md", ".pdf", ".txt", ".xlsx", ".yaml")  # no submissions
+NOTES = (".csv", ".db", ".html", ".ini", ".md", ".pdf", ".txt", ".xlsx", ".yaml")  # no submissions
 MOST_CARD_BYTES = 1_000_000
 # How a card of drivezoo states them, see `zoo.scoring.model_card`.
 STATED = {
@@ -81,7 +81,8 @@ def find_submissions(folder: Path, out: Path | None = None) -> list[Submission]:
 
     What is wrong with one of them is its `problem`, and does not end the others' marks. A file of
     another kind, such as a .h5 or .zip, is a submission with a problem, so that no student is left
-    out. Hidden files, `NOTES`, and what has the name of a network or folder are no submissions.
+    out. Hidden files, a Mac's `__MACOSX`, `NOTES`, and what has the name of a network or folder
+    are no submissions.
 
     Args:
         folder: folder of the submissions.
@@ -97,7 +98,7 @@ def find_submissions(folder: Path, out: Path | None = None) -> list[Submission]:
             is_note = entry.is_file() and entry.suffix.lower() in NOTES
             # Not `Path.resolve`, which raises for a link to itself.
             is_out = out is not None and os.path.realpath(entry) == os.path.realpath(out)
-            if entry.name[0] != "." and not is_note and not is_out:
+            if not entry.name.startswith((".", "__MACOSX")) and not is_note and not is_out:
                 by_name.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_name:
         raise InputError(f"{folder}: holds no {' or '.join(ENDINGS)} file, and no folder of one")

@@ -368,6 +368,8 @@ def hand_in(folder: Path) -> None:
     write_constant(folder / "apple" / "net.CKPT", 0.0)
     (folder / "apple" / "._net.CKPT").write_bytes(b"a Mac's")
     (folder / "notes.txt").touch()
+    (folder / "Thumbs.db").touch()
+    (folder / "__MACOSX").mkdir()
     (folder / "4_dora.h5").touch()
     (folder / "a good one.zip").touch()
 
