@@ -15,13 +15,14 @@ import numpy as np
 from datamodules.driving_log import CAMERAS, BadRows, read_fields, read_log
 from datamodules.formats.recording_writer import image_stems, put_image, write_log
 from datamodules.image import read_image
-from datamodules.recorded_car import write_car
+from datamodules.recorded_car import read_source, write_car, write_rig_of
 from datamodules.recording import IMAGE_FOLDER, LOG_NAME
 from datamodules.recording_format import read_recordings
 from datamodules.stretches import complete_times, missing_rows
 from zoo.base.errors import InputError
 from zoo.base.file_text import csv_text
 from zoo.base.new_folder import whole_folder
+from zoo.base.rig_file import find_rig
 from zoo.base.whole_file import write_whole
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import PERSON, POLICY, Drive
@@ -97,6 +98,8 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
             recording = read_recordings(options.recording)
             write_car(whole, recording)
             ends = set((np.flatnonzero(missing_rows(recording)) + 1).tolist())
+        elif source := read_source([str(options.drive)]):
+            write_rig_of(whole, find_rig(Path(str(options.drive))), source)
         stems = image_stems(np.array([time_s for time_s, *_ in rows]))
         for number, ((_, images, numbers), stem) in enumerate(zip(rows, stems, strict=True), 1):
             targets = [whole / IMAGE_FOLDER / f"{camera}_person_{stem}" for camera in CAMERAS]

@@ -51,7 +51,7 @@ from zoo.extras.corrections.collecting import (
 from zoo.extras.corrections.correct import correct
 from zoo.extras.corrections.correct_options import CorrectOptions
 from zoo.extras.corrections.correct_training import for_own_roots, own_config, own_roots
-from zoo.extras.corrections.person_corrections import corrections_of_a_person
+from zoo.extras.corrections.person_corrections import ask_person, corrections_of_a_person
 from zoo.simulator.recorder import JPEG_QUALITY
 from zoo.simulator.simulated_world import World
 from zoo.simulator.weather import CLEAR
@@ -260,6 +260,17 @@ def test_a_persons_recording_keeps_its_car_and_its_pauses(recorded: Written, her
     recording = read_recordings(str(here / "new"))
     assert recording.rig.name == "mine"
     assert np.flatnonzero(missing_rows(recording)).tolist() == [49]
+
+
+def test_a_drive_of_another_car_keeps_its_car(overridden: Path, tmp_path: Path) -> None:
+    write_rig_of(overridden, replace(UDACITY, name="mine"), "another_car")
+    options = CorrectOptions(drive=str(overridden), before_s=1)
+    with pytest.raises(InputError, match="last column"):
+        ask_person(options, tmp_path)
+    labels = (tmp_path / "labels.csv").read_text()
+    (tmp_path / "labels.csv").write_text(labels.replace("-0.250,", "-0.250,0.1"))
+    assert corrections_of_a_person(options, tmp_path, tmp_path / "new") == 9
+    assert read_recordings(str(tmp_path / "new")).rig.name == "mine"
 
 
 def test_images_in_larger_files_are_corrections_too(recorded: Written, tmp_path: Path) -> None:
