@@ -237,8 +237,7 @@ def packaged_name(path: Path) -> str | None:
 
 def read_facts(name: str) -> dict[str, Any]:
     """Return the contents of a network's JSON file."""
-    facts: dict[str, Any] = json.loads((PACKAGED / f"{name}.json").read_text(encoding="utf-8"))
-    return facts
+    return dict(json.loads((PACKAGED / f"{name}.json").read_text(encoding="utf-8")))
 
 
 @functools.cache

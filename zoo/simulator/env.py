@@ -16,6 +16,7 @@ Several at once, a process each (`reset(seed=7)` seeds them 7, 8, 9 ...), in a s
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -27,7 +28,7 @@ from zoo.base.key_values import constructed
 from zoo.base.rig import UDACITY
 from zoo.simulator import udacity_car as rig
 from zoo.simulator.reward import REWARDS, TERMINATIONS, Info, Reward, Termination, named_function
-from zoo.simulator.simulated_world import Start, open_world
+from zoo.simulator.simulated_world import Start, World, open_world
 from zoo.simulator.track_names import ANY_ROAD
 from zoo.simulator.weather import Weather, read_weather
 from zoo.simulator.world_settings import Quality
@@ -80,7 +81,7 @@ class DrivingEnv(gymnasium.Env):
 
     def __init__(
         self,
-        track: str = "lake",
+        track: str | Path = "lake",
         cameras: str = "center",
         frame_rate: float = 15,  # LeRobot's videos need a whole number
         delay_s: float = 0.0,
@@ -113,7 +114,7 @@ class DrivingEnv(gymnasium.Env):
             ("height", height, *rig.PIXELS),
             ("vertical_fov_deg", vertical_fov_deg, *rig.FOV_DEG),
         ):
-            if value is None or not least <= value <= most:
+            if not isinstance(value, int | float | np.number) or not least <= value <= most:
                 limit = "or more; inf for no limit" if most == math.inf else f"to {most:g}"
                 raise InputError(f"{name}={value}: must be {least:g} {limit}")
         self.metadata = {**self.metadata, "render_fps": frame_rate}
@@ -134,14 +135,13 @@ class DrivingEnv(gymnasium.Env):
             "reverses": False,
             "rig": self.rig,
         }
-        name, _, number = track.rpartition(":")
+        name, _, number = str(track).rpartition(":")
         self.family = name if number == ANY_ROAD else ""
-        self.track = f"{name}:0" if self.family else track
+        self.track = f"{name}:0" if self.family else str(track)
         # `reset` opens the renderer, so that a process that only describes a vector has none.
         self.world = open_world(self.track, "none", **self.settings)
-        self.images = {"image": "center"}
-        if cameras == "all":
-            self.images |= {camera: camera for camera in rig.CAMERAS[1:]}
+        sides = rig.CAMERAS[1:] if cameras == "all" else ()
+        self.images = {"image": "center", **{camera: camera for camera in sides}}
         image = spaces.Box(0, 255, (height, width, 3), np.uint8)
         speed = spaces.Box(0, rig.TOP_SPEED_MPH, (1,), np.float32)
         self.observation_space = spaces.Dict({**dict.fromkeys(self.images, image), "speed": speed})
@@ -179,8 +179,7 @@ class DrivingEnv(gymnasium.Env):
             start["distance"] = self.world.draw_distance(self.np_random)
             start["cte"] = self.np_random.uniform(-0.5, 0.5)
         world_seed = int(self.np_random.integers(2**31))
-        begin = Start(**{**start, **constructed(Start, options)})
-        self.world.reset(world_seed, begin, weather)
+        self.world.reset(world_seed, Start(**{**start, **constructed(Start, options)}), weather)
         self.off_since: float | None = None
         self.info = self._about(0.0)
         return self._observation(), self.info
@@ -191,9 +190,9 @@ class DrivingEnv(gymnasium.Env):
         """Advance by one frame; actions beyond -1..1 are clamped.
 
         Raises:
-            InputError: the action is not two finite numbers.
+            InputError: the action is not two finite numbers, or no episode has begun.
         """
-        world = self.world
+        world = self._begun()
         action = np.asarray(action, float)
         if action.shape != (2,) or not np.isfinite(action).all():
             raise InputError(f"action={action.tolist()}: must be two finite numbers")
@@ -206,12 +205,11 @@ class DrivingEnv(gymnasium.Env):
         arrived = world.is_complete(math.inf if self.laps is None else self.laps)
         terminated = arrived or bool(self.termination(self.info))
         reward = float(self.reward(before, self.info, terminated))
-        late = world.time >= self.max_seconds
-        return self._observation(), reward, terminated, late, self.info
+        return self._observation(), reward, terminated, world.time >= self.max_seconds, self.info
 
     def render(self) -> np.ndarray | None:
         """Return the last frame, uint8 [height, width, 3], RGB, or None without a render mode."""
-        return self._image.copy() if self.render_mode else None
+        return self._image.copy() if self.render_mode and self._begun() else None
 
     def close(self) -> None:
         """Close the renderer; a second call has no effect."""
@@ -224,9 +222,13 @@ class DrivingEnv(gymnasium.Env):
             self.world = open_world(track, self.renderer, **self.settings)
             self.track = track
 
+    def _begun(self) -> World:
+        if self.world.renderer is None:
+            raise InputError("no episode runs in this environment; call its reset first")
+        return self.world
+
     def _is_lost(self, info: Info) -> bool:
-        off = None if self.off_since is None else self.world.time - self.off_since
-        return off is not None and off >= self.off_road_s
+        return self.off_since is not None and self.world.time - self.off_since >= self.off_road_s
 
     def _about(self, furthest: float) -> Info:
         world, info = self.world, self.world.info()

@@ -298,6 +298,8 @@ def test_it_renders_what_was_last_seen(opened):
         ({"off_road_s": None}, "off_road_s=None: must be 0 or more; inf"),
         ({"track": "lagoon"}, "no track lagoon"),
         ({"track": "lagoon:*"}, "no family of roads 'lagoon'"),
+        ({"track": Path("lagoon")}, "no track lagoon"),
+        ({"laps": "2"}, "laps=2: must be 1 or more"),
         ({"width": 4}, "width=4: must be 8 to 1024"),
         ({"vertical_fov_deg": 0}, "vertical_fov_deg=0: must be 1 to 170"),
         ({"reward": "donkey"}, "reward=donkey: did you mean donkeycar"),
@@ -319,6 +321,16 @@ def test_a_wrong_argument_is_refused(argument, message):
 )
 def test_a_wrong_option_of_reset_is_refused(opened, option, message):
     assert message in refusal(opened().reset, options=option)
+
+
+@pytest.mark.parametrize("call", [lambda env: env.step(STRAIGHT_ON), DrivingEnv.render])
+def test_an_episode_begins_with_a_reset(opened, call):
+    env = opened(render_mode="rgb_array", **SMALL)
+    for _ in range(2):
+        with pytest.raises(InputError, match="call its reset first"):
+            call(env)
+        env.reset(seed=1)
+        env.close()
 
 
 @pytest.mark.parametrize("action", [[np.nan, 0], [0.1], [0, np.inf]])
