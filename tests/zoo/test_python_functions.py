@@ -3,6 +3,7 @@
 import csv
 import gc
 import json
+import logging
 import math
 import os
 import re
@@ -69,6 +70,19 @@ def test_a_training_has_the_commands_figures(
     (row,) = run.table()
     assert row["test_mse"] == run.metrics["open_loop"]["test"]["mse"]
     assert row["lake_autonomy"] == run.metrics["drive"]["tracks"]["lake"]["autonomy"][0]
+
+
+def test_a_training_keeps_the_users_logging(
+    recorded: Written, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handler = logging.FileHandler("mine.log", mode="w")
+    monkeypatch.setattr(logging.root, "handlers", [handler])
+    with pytest.raises(drivezoo.InputError, match=r"own\.ckpt"):
+        drivezoo.train(data={"root": recorded.folder}, model={"weights": "own.ckpt"})
+    logging.getLogger("mine").warning("kept")
+    assert logging.root.handlers == [handler]
+    assert Path("mine.log").read_text() == "kept\n"
+    handler.close()
 
 
 def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:

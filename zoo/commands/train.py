@@ -104,7 +104,7 @@ def train_once(arguments: list[str], several: bool = True) -> Path:
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises its errors instead of printing them
     try:
-        run_in_folder(hydra_overrides(arguments), train)
+        run_in_folder(hydra_overrides(arguments), train, several)
     except OSError as error:
         if began or isinstance(error, HydraException):  # a missing config is an OSError, too
             raise

@@ -22,7 +22,7 @@ TRACES = (
 )
 
 
-def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> None:
+def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None], logs: bool) -> None:
     """Call a function with the config of the arguments, as `hydra.main` does, in the run's folder.
 
     `hydra.main` composes the config twice.
@@ -31,6 +31,7 @@ def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> N
         arguments: overrides of the config, as Hydra reads them. During the call, `sys.argv` has
             them, too: Lightning starts other ranks with it.
         task: function that is called with the config. Its exceptions pass.
+        logs: whether Hydra sets the handlers of Python's `logging`; a notebook keeps its own.
 
     Raises:
         InputError: the folder holds a run, or another process trains there.
@@ -49,7 +50,7 @@ def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None]) -> N
             config.hydra.mode, callbacks = RunMode.RUN, Callbacks(config)
             callbacks.on_run_start(config=config, config_name="config")
             context = HydraContext(GlobalHydra.instance().config_loader(), callbacks)
-            result = run_job(task, config, "hydra.run.dir", None, context)
+            result = run_job(task, config, "hydra.run.dir", None, context, logs)
             callbacks.on_run_end(config=config, config_name="config", job_return=result)
             _ = result.return_value  # raises what the function raised
 
