@@ -190,6 +190,8 @@ def read_file(path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str], boo
         UsageError: there is no such column or score.
     """
     path = rollouts_path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: has no {EVAL_INFO} or {MERGED}; name a file of rollouts")
     content: Any = read_json(path) if path.suffix.lower() == ".json" else _rows(path)
     entries = named_entries("drivezoo.rollouts").values()
     kinds: list[RolloutKind] = [load_entry(entry, RolloutKind) for entry in entries]

@@ -334,12 +334,15 @@ def test_numbers_in_a_json_table_are_names(tmp_path: Path, won: np.ndarray) -> N
 
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "eval_info.json"
+    (tmp_path / "folder").mkdir()
     path.write_text('{"per_task": [{"task_group": "a"}]}')
     with pytest.raises(InputError, match="not as LeRobot writes it"):
         drivezoo.compare(path, path, out=tmp_path / "out.json")
     path.write_text('{"other": 1}')
     with pytest.raises(InputError, match="known are: Bench2Drive, LeRobot, table"):
         drivezoo.compare(path, path, out=tmp_path / "out.json")
+    with pytest.raises(InputError, match=r"has no eval_info\.json or merged\.json; name a file"):
+        drivezoo.compare(tmp_path / "folder", path, out=tmp_path / "out.json")
     path.write_text('[{"policy": "a", "success": "maybe"}]')
     with pytest.raises(InputError, match=r"json: rollout 1: 'maybe' is no score"):
         drivezoo.compare(path, out=tmp_path / "out.json")
