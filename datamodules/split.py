@@ -135,12 +135,18 @@ def split_words(
     return f"blocks of {length:.3g} s with gaps of {gap:.2g} s ({chosen})"
 
 
-def write_split(path: Path, recording: Recording, split: Split) -> None:
-    """Write `image,part` rows that `data.split=FILE` reads back."""
+def write_split(path: Path, recording: Recording, split: Split, resumed: bool = False) -> None:
+    """Write `image,part` rows that `data.split=FILE` reads back.
+
+    Raises:
+        InputError: of a `resumed` run, the file holds another split, which its epochs had.
+    """
     names = shortest_ends([str(image) for image in recording.images[:, 0]])
     rows = [(names[row], part) for part in PARTS for row in getattr(split, part)]
-    text = csv_text([("image", "part"), *rows], line_end="\r\n")
-    write_whole(path, text.encode(errors="surrogateescape"))
+    text = csv_text([("image", "part"), *rows], line_end="\r\n").encode(errors="surrogateescape")
+    if resumed and path.is_file() and path.read_bytes() != text:
+        raise InputError(f"{path}: data.split gives other rows now; restore the file that it names")
+    write_whole(path, text)
 
 
 def shortest_ends(paths: list[str]) -> list[str]:

@@ -129,7 +129,7 @@ def _run(
         if typed:
             words = json.dumps([*typed], ensure_ascii=False)  # is YAML; OmegaConf reads ${ in paths
             write_whole(folder / ".hydra" / "overrides.yaml", words)
-        write_split(folder / "split.csv", data.recording, data.split)
+        write_split(folder / "split.csv", data.recording, data.split, resumed is not None)
         build.keep_earlier_log(folder)
 
     log_config(trainer, card["config"])
@@ -137,7 +137,7 @@ def _run(
     set_up_process(plan.threads)
     data = build.build_feed(data, plan, console)
     with ending_together(trainer, folder, interruptions.resume_command(folder)):
-        _fit(trainer, module, data, resumed, folder)
+        _fit(trainer, module, data, resumed.path if resumed else None, folder)
         candidates.complete_checkpoints(trainer, folder)
     if not trainer.is_global_zero:
         return
@@ -172,11 +172,10 @@ def _fit(
     trainer: lightning.Trainer,
     module: RunModule,
     data: RunData,
-    start: interruptions.ResumePoint | None,
+    path: Path | None,
     folder: Path,
 ) -> None:
     try:
-        path = start.path if start else None
         trainer.precision_plugin.convert_module(module)  # before its weights are restored
         trainer.fit(module, datamodule=data, ckpt_path=path, weights_only=True)
     except SystemExit:

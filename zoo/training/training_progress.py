@@ -59,12 +59,11 @@ class TrainingProgress(Callback):
         if self.progress is None or now < self.next_refresh:
             return
         self.next_refresh = now + self.refresh_s
-        rate = self.done / (now - self.started)
         self.progress.update(
             self.task,
             completed=trainer.current_epoch * self.steps + number + 1,
             description=f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}",
-            figures=f"{rate:,.0f} samples/s",
+            figures=f"{self.done / (now - self.started):,.0f} samples/s",
         )
 
     def on_validation_end(self, trainer: Trainer, module: LightningModule) -> None:

@@ -308,6 +308,21 @@ def test_a_run_that_was_stopped_while_it_was_scored_trains_no_further_epoch(
     assert metrics(early)["epochs"] == epochs
 
 
+def test_rows_that_change_their_part_are_not_trained_further(
+    train: Train, zoo: Zoo, tmp_path: Path
+) -> None:
+    train("hydra.run.dir=first", "trainer.max_epochs=1")
+    split = Path(shutil.copy(tmp_path / "first" / "split.csv", tmp_path / "split.csv"))
+    train("data.split=split.csv", "trainer.max_epochs=1")
+    kept = split.read_text()
+    split.write_text(kept.replace(",val", ",other").replace(",test", ",val"))
+    split.write_text(split.read_text().replace(",other", ",test"))
+    line = only_line(zoo("resume=run", "trainer.max_epochs=2"), 1)
+    assert "split.csv: data.split gives other rows now" in line
+    split.write_text(kept)
+    succeed(zoo("resume=run"))
+
+
 def test_early_stopping_in_the_first_epoch_is_an_end_too(
     train: Train, zoo: Zoo, tmp_path: Path
 ) -> None:
