@@ -193,8 +193,8 @@ def _drive(
     drives = []
     print_line(
         console,
-        f"candidates for best.ckpt, {counted(laps, 'lap')} of {full_name(track)} each, from "
-        "another start than the score:",
+        f"candidates for best.ckpt, {counted(laps, 'lap')} of {full_name(track)} each, "
+        f"{'as score.laps, ' * (laps < score.candidate_laps)}from another start than the score:",
     )
     for candidate, figures in zip(candidates, driven, strict=True):
         count, error = figures["interventions"], figures["cte_mean_m"]

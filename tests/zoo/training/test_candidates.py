@@ -41,7 +41,7 @@ def test_the_better_driver_becomes_best(run: Path, console: Console) -> None:
     assert choice["drives"][0]["interventions"] < choice["drives"][1]["interventions"]
     assert "best of 2 candidates" in choice["why"]
     printed = console.file.getvalue()
-    assert "of zoo_lake each" in printed
+    assert "of zoo_lake each, from another start" in printed
     for words in ("epoch   1, lowest val/mse", "epoch   5, last epoch", "best.ckpt is of epoch 5"):
         assert words in printed
 
@@ -53,7 +53,9 @@ def test_the_better_driver_becomes_best(run: Path, console: Console) -> None:
 def test_the_lowest_error_stays_where_it_drives_best(run: Path, console: Console) -> None:
     write_constant(run / "checkpoints" / "best.ckpt", steering=0.0, epoch=0)
     write_constant(run / "checkpoints" / "last.ckpt", steering=1.0, epoch=4)
-    assert choose_best(SHORT, "val/mse", run, console)["epoch"] == epoch(run) == 1
+    longer = replace(SHORT, candidate_laps=1.0)
+    assert choose_best(longer, "val/mse", run, console)["epoch"] == epoch(run) == 1
+    assert "0.02 laps of zoo_lake each, as score.laps, from another" in console.file.getvalue()
     assert not (run / "checkpoints" / "monitored.ckpt").exists()
 
 
