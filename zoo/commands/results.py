@@ -10,15 +10,15 @@ from zoo.base.terminal import print_written, printable
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.runs.metrics_file import NAME as METRICS
 from zoo.runs.result_table import Cell, Table
-from zoo.runs.run_record import Run
+from zoo.runs.run_record import Run, load_config
 from zoo.runs.table_files import Result, TableFiles
 
 ERRORS = ("mse", "mae", "balanced_mae")
 DRIVING = ("autonomy", "interventions", "cte_mean_m")
 SHORT = ("experiment", "parameters", "test_mse", "test_mae")  # in TeX
+COPIED = ("parameters", "samples_per_second", "seconds_per_epoch", "best_epoch", "epochs")
 PRINTED = (
-    *("experiment", "split", "parameters", "samples_per_second", "seconds_per_epoch"),
-    *("best_epoch", "epochs"),
+    *("experiment", "split", *COPIED),
     *(f"test_{error}{baseline}" for error in ERRORS for baseline in ("", "_zero", "_mean")),
 )
 
@@ -108,16 +108,16 @@ def run_figures(run: Run) -> dict[str, Cell]:
     if metrics.get("open_loop") is None and metrics.get("tracks"):
         raise InputError(f"{folder}: is an evaluation; rank those with drivezoo leaderboard FOLDER")
     name = run.choices["experiment"] or metrics["model"]
+    if run.config.get("quick"):
+        from zoo.training.run_config import with_quick  # slow import: torch
+
+        name += ", quick" * with_quick(load_config(folder)).quick
     row: dict[str, Cell] = {
         "run": str(folder),
-        "experiment": f"{name}, quick" if run.config.get("quick") else name,
+        "experiment": name,
         "seed": metrics.get("seed"),
         "split": str(run.config["data"]["split"]),
-        "parameters": metrics["parameters"],
-        "samples_per_second": metrics["samples_per_second"],
-        "seconds_per_epoch": metrics["seconds_per_epoch"],
-        "best_epoch": metrics["best_epoch"],
-        "epochs": metrics["epochs"],
+        **{name: metrics[name] for name in COPIED},
         "val_mse": metrics["open_loop"].get("val", {}).get("mse"),
     }
     if "test" in metrics["open_loop"]:

@@ -1,16 +1,20 @@
 """`drivezoo list` and `drivezoo results`: what they print."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from tests.zoo.base.user_parts import write_network
 from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
 from zoo.base.conf_files import choice_files
 from zoo.base.console_script import LISTED
 from zoo.commands.list import description, list_parts
+from zoo.commands.results import run_figures
 from zoo.runs.metrics_file import write_metrics_file
+from zoo.runs.run_record import Run
 
 FILES = [path for group, _ in LISTED.values() if group for path in choice_files(group).values()]
 
@@ -49,6 +53,18 @@ def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
         figures = predictor["test"]
         mse = figures["mse"] if "mse" in figures else figures["always zero"]["mse"]
         assert f"{mse:.4g}" in row
+
+
+@pytest.mark.parametrize(("most", "name"), [(1, "nvidia, quick"), (10, "nvidia")])
+def test_a_quick_run_is_named_so_where_it_was_longer(
+    most: int, name: str, run_folder: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(run_folder, tmp_path / "run")
+    config = OmegaConf.load(tmp_path / "run/.hydra/config.yaml")
+    config.trainer.max_epochs, config.data.samples_per_epoch = 3, 10
+    config.quick, config.quick_samples = True, most
+    OmegaConf.save(config, tmp_path / "run/.hydra/config.yaml")
+    assert run_figures(Run(tmp_path / "run"))["experiment"] == name
 
 
 def test_a_folder_without_figures_is_named(tmp_path: Path) -> None:
