@@ -12,6 +12,7 @@ from zoo.base.command import command
 from zoo.base.compose import escape_interpolation
 from zoo.base.errors import InputError, StoppedError, file_errors
 from zoo.base.new_folder import command_folder, dated_folder
+from zoo.base.parts import typed_parts
 from zoo.base.terminal import print_written
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
@@ -122,7 +123,8 @@ def _train(out: Path, place: Path, trusted: Sequence[str], threads: int | None) 
     environment = child_environment()
     if threads:
         environment["OMP_NUM_THREADS"] = str(threads)
-    command = module_command("zoo", f"resume={out}")
+    words = typed_parts() if place == Path.cwd() else []  # printed; their paths begin here
+    command = module_command("zoo", f"resume={out}", *words)
     if trusted:
         command.append(f"{TRUST}={','.join(trusted)}")
     status = subprocess.run(command, env=environment, cwd=place, check=False).returncode

@@ -90,8 +90,7 @@ def go_on(folder: Path, more: list[str]) -> None:
     saved = SavedSweep(folder / records.NAME, trusted)
     check_overrides(record.arguments, saved)
     may_change = (*records.LAUNCH_KEYS, "hydra.sweeper.n_trials=")
-    wrong = [word for word in more if not word.startswith(may_change)]
-    if wrong:
+    if wrong := [word for word in more if not word.startswith(may_change)]:
         raise InputError(
             f"{wrong[0]}: cannot change when a sweep is resumed; only hydra/launcher, "
             "hydra.launcher..., hydra.sweeper.n_trials and trust can; start a new sweep"
@@ -141,8 +140,7 @@ def conclude(folder: Path, console: Console) -> None:
     ranking = Ranking.read(folders, folder, title=counted(len(folders), "job"))
     ranking.written.append(ranking.write_page(folder / PAGE, f"Sweep {folder.name}"))
     ranking.show(console)
-    failed = [run for run in ranking.unranked if run.why in ("failed", "stopped")]
-    if failed:
+    if failed := [run for run in ranking.unranked if run.why in ("failed", "stopped")]:
         reasons = "; ".join(f"{run.folder.name}: {run.reason or 'it was killed'}" for run in failed)
         again = "the same command runs them again"
         if records.read_record(folder).search:  # which chooses other values

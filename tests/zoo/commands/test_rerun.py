@@ -13,7 +13,7 @@ from tests.zoo.command_runs import only_line, run_here, train_in_fork
 from tests.zoo.sweeps import write_run
 from tests.zoo.training.test_sweep_command import SMALL
 from zoo.base.run_command import run_command
-from zoo.commands.rerun import _report, differences, rerun
+from zoo.commands.rerun import _report, _train, differences, rerun
 from zoo.commands.train import train_or_sweep as zoo
 
 
@@ -79,6 +79,23 @@ def test_other_code_is_named(code: dict | None, named: bool, capsys: pytest.Capt
     assert len(lines) == named
     for line in lines:
         assert re.search(r"b2\b.*c3-dirty\b.*a1\b", line)
+
+
+def test_the_training_gets_the_typed_parts_where_their_paths_begin(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It prints the next commands."""
+    commands = []
+
+    def note(command: list[str], **_: object) -> SimpleNamespace:
+        commands.append(command)
+        return SimpleNamespace(returncode=0)
+
+    monkeypatch.setattr("zoo.commands.rerun.subprocess", SimpleNamespace(run=note))
+    monkeypatch.setattr("sys.orig_argv", ["drivezoo", "rerun", "run", "parts=my_net.py"])
+    for place in (Path.cwd(), tmp_path):
+        _train(Path("out"), place, (), None)
+    assert ["parts=my_net.py" in command for command in commands] == [True, False]
 
 
 @pytest.mark.parametrize("key", ["side_response", "choice", "train_samples"])
