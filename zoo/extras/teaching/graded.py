@@ -18,7 +18,7 @@ from datamodules.recording_format import read_recordings
 from zoo.base.bounded_files import hash_file, read_text
 from zoo.base.child_process import end_module, start_module
 from zoo.base.console_progress import progress_bar
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_line, print_written, printable
 from zoo.base.whole_file import write_whole
@@ -204,6 +204,9 @@ def grade_class(
                     graded = _compared(Graded(out, grades, options.points), packaged)
                     graded.written.extend(_write_marks(graded, suite))
                     report(count / len(jobs))
+            except KeyboardInterrupt:
+                again = f"stopped; the same command with out={out} resumes"
+                raise StoppedError(again) from None
             finally:
                 stop.set()  # Ctrl-C does not reach the processes on Windows
                 pool.shutdown(wait=False, cancel_futures=True)

@@ -26,7 +26,7 @@ from tests.zoo.results.test_benchmark_command import write_family, write_suite
 from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.base import console_progress
 from zoo.base.bounded_files import hash_file
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import PACKAGED
 from zoo.checkpoints.onnx_file import onnx_bytes
@@ -239,7 +239,7 @@ def test_ctrl_c_ends_the_submissions_that_it_does_not_reach(
 
     monkeypatch.setattr(graded, "start_module", start)
     monkeypatch.setattr(graded, "as_completed", interrupt)
-    with pytest.raises((KeyboardInterrupt, InputError)):
+    with pytest.raises(StoppedError, match=r"the same command with out=.* resumes"):
         grade(submitted, suite=str(suite), seed=5, out=tmp_path / "out")
     assert [process.poll() for process in started] != [0]
 
