@@ -78,8 +78,7 @@ class Reached:
         return OPEN if best is not None and self._reaches(best) else MISSED
 
     def _reaches(self, figure: float) -> bool:
-        sign = 1 if FIGURES[self.figure].higher else -1
-        return sign * figure >= sign * self.value
+        return figure >= self.value if FIGURES[self.figure].higher else figure <= self.value
 
     @property
     def texts(self) -> tuple[str, str, str]:
@@ -87,8 +86,11 @@ class Reached:
         shown = FIGURES[self.figure]
         required = shown.form.format(shown.factor * self.value)
         bound = "at least" if shown.higher else "at most"
+        form = shown.form
+        if not self.passed and form.format(shown.factor * (self.reached or 0)) == required:
+            form = "{:.5g}"  # rounded, it would seem to pass
         unknown = "none" if self.is_clean else "unknown"  # few roads have no bound
-        reached = with_interval(self.interval, shown.form, shown.factor)
+        reached = with_interval(self.interval, form, shown.factor)
         return shown.heading, f"{bound} {required}", unknown if reached == "-" else reached
 
 
@@ -117,8 +119,7 @@ def missed_line(reached: Sequence[Reached]) -> str:
 
 def verdict(reached: Sequence[Reached]) -> str:
     """Return passed if all marks are reached, missed if one is missed, open otherwise."""
-    statuses = {mark.status for mark in reached}
-    return next((status for status in (MISSED, OPEN) if status in statuses), PASSED)
+    return max((mark.status for mark in reached), key=[PASSED, OPEN, MISSED].index, default=PASSED)
 
 
 def marks_table(reached: Sequence[Reached]) -> Table:
@@ -175,9 +176,8 @@ def marks_page(result: BenchmarkResult, reached: Sequence[Reached], rest: Sequen
     kind, title = TITLES[verdict(reached)]
     count = f"{sum(mark.passed for mark in reached)} of {len(reached)} marks reached"
     box = Box(kind, f"{title}: {count}", [f"Suite {result.suite}"], [], [])
-    table = Rows(marks_table(reached), left=3)
-    sections = [Section("", [box]), Section("Marks", [table, Text(MEANING)]), *rest]
-    return to_html(result.entry, sections, footer="")
+    marks = Section("Marks", [Rows(marks_table(reached), left=3), Text(MEANING)])
+    return to_html(result.entry, [Section("", [box]), marks, *rest], footer="")
 
 
 def drives_table(drives: Sequence[DriveRecord]) -> Table:

@@ -103,6 +103,22 @@ def test_a_lower_error_passes_an_unknown_figure_not(
     assert bool(line) != reached.passed
 
 
+@pytest.mark.parametrize(
+    ("name", "reached", "mark", "shown"),
+    [
+        ("autonomy", 0.89968, 0.9, "89.968"),
+        ("cte_mean_m", 0.5042, 0.5, "0.5042"),
+        ("cte_mean_m", 0.4958, 0.5, "0.50"),
+    ],
+)
+def test_no_missed_mark_seems_to_pass_by_its_rounding(
+    result: BenchmarkResult, name: str, reached: float, mark: float, shown: str
+) -> None:
+    result.groups["like"][name] = Interval(**figure(reached, None, None))
+    (rounded,) = reached_marks(result, marks_of({"like": {name: mark}}))
+    assert rounded.texts[-1] == shown
+
+
 def test_few_roads_without_an_intervention_reach_all_metres(result: BenchmarkResult) -> None:
     """Two roads have no intervals, so that the metres have no bound."""
     drives = [drive for drive in result.drives if drive.group == "like"]
