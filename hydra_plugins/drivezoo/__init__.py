@@ -3,8 +3,6 @@
 Hydra imports this module at every start, so it imports nothing slow.
 """
 
-from collections.abc import Callable
-
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.search_path_plugin import SearchPathPlugin
@@ -59,7 +57,7 @@ class OptunaSweeper(_Sweeper):
         """Train the configurations that Optuna proposes."""
         from zoo.base.entry_points import load_named
 
-        search = load_named("drivezoo.sweepers", "optuna", Callable, "hydra/sweeper")
+        search = load_named("drivezoo.sweepers", "optuna", object, "hydra/sweeper=")
         search(arguments, self.config, self.hydra_context, self.launcher)
 
 
@@ -79,5 +77,5 @@ class RayLauncher(Launcher):
         """Run jobs on the cluster and return their results."""
         from zoo.base.entry_points import load_named
 
-        launch = load_named("drivezoo.launchers", "ray", Callable, "hydra/launcher")
+        launch = load_named("drivezoo.launchers", "ray", object, "hydra/launcher=")
         return launch(self, job_overrides, initial_job_idx)

@@ -6,20 +6,20 @@ from pathlib import Path
 import pytest
 
 from datamodules.known_formats import formats
-from tests.contracts.outside_package import installed
+from tests.contracts.outside_package import installed, write_package
 from zoo.base.entry_points import load_named
 from zoo.base.errors import InputError
 from zoo.checkpoints.network_files import describe_network
 from zoo.checkpoints.policy_kinds import policy_kind
-from zoo.commands.compare import comparison_of
+from zoo.commands.compare import compare, compare_files, comparison_of
 from zoo.commands.leaderboard import paper_writers
+from zoo.commands.simulator import COMMANDS, simulator
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
 from zoo.scoring.exported_file import exports
 from zoo.server.driven_simulator import SIMULATORS, DrivenSimulator
 
 USES: dict[str, Callable[[], object]] = {
-    "comparisons": lambda: comparison_of(["nowhere.csv"]),
     "executors": lambda: all_drives("a.ckpt", [Scenario("lake")], executor="mine"),
     "exports": lambda: list(exports("mine")),
     "formats": formats,
@@ -38,3 +38,19 @@ def test_what_is_of_another_kind_is_named(group: str, tmp_path: Path) -> None:
         pytest.raises(InputError, match=words),
     ):
         USES[group]()
+
+
+def test_a_broken_one_leaves_the_commands_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries = "[drivezoo.comparisons]\nmine = broken_ends:number\n"
+    entries += "[drivezoo.commands]\nsimulator.mine = broken_ends:number\n"
+    write_package(tmp_path, "broken_ends", "number = 5", entries)
+    monkeypatch.syspath_prepend(tmp_path)
+    simulator(["--help"])
+    compare_files(["--help"])
+    printed = capsys.readouterr()
+    assert all(command.purpose in printed.out for command in (compare, *COMMANDS.values()))
+    for group in ("command simulator.mine", "comparison mine"):
+        assert f"broken_ends:number: the {group} is no zoo.base.command.Com" in printed.err
+    assert comparison_of([tmp_path]) is compare

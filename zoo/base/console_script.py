@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.entry_points import file_of, find_entry, is_extra, load_entry, named_entries
+from zoo.base.entry_points import file_of, find_entry, is_extra, load_entry, named_entries, usable
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.module_start import run_module
 from zoo.base.run_command import run_command
@@ -95,9 +95,8 @@ def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
         return "doubt", rest[1:]
     for word in rest if name == "train" and set(HELP).isdisjoint(rest) else ():
         key, _, folder = word.partition("=")
-        others = [other for other in rest if other is not word]
         if key == "rerun":
-            return "rerun", [folder, *others]
+            return "rerun", [folder, *(other for other in rest if other is not word)]
         if key == "resume" and Path(folder, SWEEP_RECORD).is_file():
             return "sweep", rest
     return name, rest
@@ -137,14 +136,12 @@ def outside_commands() -> dict[str, str]:
 
 
 def commands_below(name: str) -> dict[str, "Command[Any]"]:
-    """Return the commands of installed packages below one of drivezoo's, by the last word.
+    """Return the usable commands of packages below one of drivezoo's, by the last word."""
+    from zoo.base.command import Command
 
-    Raises:
-        InputError: one of them cannot be imported, or is no command.
-    """
     entries, start = named_entries(ENTRY_POINTS).values(), f"{name}."
     below = (entry for entry in entries if entry.name.startswith(start))
-    return {entry.name.removeprefix(start): load(entry.value) for entry in below}
+    return {each.removeprefix(start): found for each, found in usable(below, Command)}
 
 
 def challenge_command(name: str) -> "Command[Any]":
@@ -156,7 +153,7 @@ def challenge_command(name: str) -> "Command[Any]":
         UsageError: there is no such test.
         InputError: a package's command cannot be imported.
     """
-    return load(find_entry(CHALLENGES, name, "challenge").value)
+    return load(find_entry(CHALLENGES, name, "challenge=").value)
 
 
 def load(entry: str) -> "Command[Any]":

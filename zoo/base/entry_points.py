@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,6 +67,15 @@ def load_entries(group: str, kind: Any) -> Iterator[Any]:
     return (load_entry(entry, kind) for entry in installed_entries(group))
 
 
+def usable(entries: Iterable[EntryPoint], kind: Any) -> Iterator[tuple[str, Any]]:
+    """Yield names of entry points and what they name; print a line for each broken one instead."""
+    for entry in entries:
+        try:
+            yield entry.name, load_entry(entry, kind)
+        except InputError as error:
+            print(error, file=sys.stderr)
+
+
 def load_named(group: str, name: str, kind: Any, key: str = "", usual: Sequence[str] = ()) -> Any:
     """Return what a group's entry point names.
 
@@ -74,7 +83,7 @@ def load_named(group: str, name: str, kind: Any, key: str = "", usual: Sequence[
         group: group of the entry point.
         name: name of the entry point, as the user typed it.
         kind: see `load_entry`.
-        key: key before the name, for messages; empty without one.
+        key: key before the name, such as `executor=`, for messages.
         usual: names that the core has itself, for messages.
 
     Raises:
@@ -92,8 +101,7 @@ def find_entry(group: str, name: str, key: str = "", usual: Sequence[str] = ()) 
     """
     entries = named_entries(group)
     if name not in entries:
-        typed = f"{key}={name}" if key else name
-        raise UsageError(f"{typed}: no such {_kind(group)}; {hint(name, [*usual, *entries])}")
+        raise UsageError(f"{key}{name}: no such {_kind(group)}; {hint(name, [*usual, *entries])}")
     return entries[name]
 
 

@@ -53,8 +53,8 @@ class WeightsReader(Protocol):
 
 def describe_network(path: Path) -> str:
     """Return what a file or folder is and what to do with it; empty if no reader knows it."""
-    readers = load_entries(GROUP, WeightsReader)
-    return next(filter(None, (reader.describe(path) for reader in readers)), "")
+    described = (each.describe(path) for each in load_entries(GROUP, WeightsReader))
+    return next(filter(None, described), "")
 
 
 def weights_reader(path: Path) -> WeightsReader | None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zoo.base.command import Command, Comparison, command, is_help, is_path
-from zoo.base.entry_points import load_entries
+from zoo.base.entry_points import installed_entries, usable
 from zoo.base.output_files import check_output
 from zoo.base.run_command import exit_after
 from zoo.runs.table_files import ResultFiles
@@ -73,7 +73,7 @@ def compare_files(arguments: list[str]) -> None:
 
 
 def _others() -> list[Comparison]:
-    return [*load_entries("drivezoo.comparisons", Comparison)]
+    return [each for _, each in usable(installed_entries("drivezoo.comparisons"), Comparison)]
 
 
 if __name__ == "__main__":

@@ -69,8 +69,7 @@ COMMANDS: dict[str, Command[Any]] = {"record": record, "drive": drive, "client":
 
 def all_commands() -> dict[str, Command[Any]]:
     """Return the commands below `simulator`, those of extras and other packages last."""
-    added = commands_below("simulator")
-    return COMMANDS | {name: entry for name, entry in added.items() if name not in COMMANDS}
+    return COMMANDS | commands_below("simulator") | COMMANDS  # ours replace others of their names
 
 
 def simulator(arguments: Sequence[str]) -> None:

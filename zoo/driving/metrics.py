@@ -156,8 +156,7 @@ def _figure(metric: Metric, drive: Drive) -> float | None:
         if metric.name in METRICS.own():
             raise
         plain = f"{metric.function.__module__}: {type(error).__name__}: {error}; return a number"
-        reason = part_failure(error) or plain
-        print(f"metric {metric.name} is unknown: {reason}", file=sys.stderr)
+        print(f"metric {metric.name} is unknown: {part_failure(error) or plain}", file=sys.stderr)
         return math.nan
 
 

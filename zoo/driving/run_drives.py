@@ -125,7 +125,7 @@ def run_drives(
             if executor == PROCESSES:
                 opened = opened_pool(workers, most=len(jobs))
             else:
-                opened = load_named(EXECUTORS, executor, Callable, "executor", (PROCESSES,))()
+                opened = load_named(EXECUTORS, executor, Callable, "executor=", (PROCESSES,))()
             pool = stack.enter_context(opened)
         shown: dict[str, Any] = {}
         if what and console is not None:

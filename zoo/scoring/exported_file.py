@@ -146,7 +146,6 @@ def exports(
         if to in (None, name) and weights == FLOAT:
             yield name, kind
     for entry in installed_entries(GROUP):
-        name, _, entry_weights = entry.name.partition(".")
-        is_wanted = to in (None, name) and weights == (entry_weights or FLOAT)
-        if is_wanted and entry.name not in OWN:
+        name, _, its = entry.name.partition(".")
+        if to in (None, name) and weights == (its or FLOAT) and entry.name not in OWN:
             yield name, load_entry(entry, ExportedFile)

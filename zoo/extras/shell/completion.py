@@ -12,7 +12,8 @@ from zoo.base.command_keys import choices_of, typed_keys
 from zoo.base.compose import compose_config, config_groups
 from zoo.base.conf_files import choices
 from zoo.base.console_script import CHALLENGES, LISTED, commands, load, outside_commands, places
-from zoo.base.entry_points import named_entries
+from zoo.base.console_script import ENTRY_POINTS as COMMANDS
+from zoo.base.entry_points import named_entries, usable
 from zoo.base.file_text import shell_words
 from zoo.base.parts import KEY
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
@@ -105,14 +106,16 @@ class Words:
 
 def command_words() -> dict[str, Words]:
     """Return the words of each command of `drivezoo`."""
-    commands = places() | outside_commands()
     special = {name: Words((), _training_keys()) for name in ("train", "preview")}
     simulator = _value("simulator", "all_commands")()
     special |= {
         "simulator": Words(tuple(simulator), {}),
         "new": Words(tuple(_value("new", "KINDS")), {}),
     }
-    words = {name: special.get(name) or words_of(load(place)) for name, place in commands.items()}
+    words = {name: special.get(name) or words_of(load(place)) for name, place in places().items()}
+    entries = named_entries(COMMANDS)
+    outside = usable((entries[name] for name in outside_commands()), Command)
+    words |= {name: words_of(command) for name, command in outside}
     words |= {f"simulator {name}": words_of(command) for name, command in simulator.items()}
     return words | {kind: Words((), {}) for kind in LISTED}
 
