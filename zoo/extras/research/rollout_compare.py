@@ -80,7 +80,8 @@ def compare(
     write.check_files(COLUMNS, paths)
     typed = {"policy": policy, "scene": scene, "seed": seed, "training": training}
     wanted = Wanted(score or "", {key: name for key, name in typed.items() if name is not None})
-    result = Referee.read(paths, names.split(",") if names else (), wanted, same_seeds, paired)
+    named = [name.strip() for name in names.split(",")] if names else ()
+    result = Referee.read(paths, named, wanted, same_seeds, paired)
     result.written.append(result.write(path))
     result.written.extend(write.write_files(result))
     return result

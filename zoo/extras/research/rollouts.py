@@ -224,7 +224,7 @@ def read_policies(
         UsageError: see `read_file`, there is not one name for each file or a file of several
             policies has a name, or one file has successes and another has other scores.
     """
-    if names and len(names) != len(paths):
+    if names and (len(names) != len(paths) or "" in names):
         raise UsageError(f"names={','.join(names)}: needs a name for each of {len(paths)} files")
     policies: dict[str, list[Rollout]] = {}
     notes: list[str] = []

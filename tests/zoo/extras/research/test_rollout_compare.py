@@ -114,9 +114,12 @@ def test_seeds_that_no_two_policies_share_are_noted(ending: str, tmp_path: Path)
 
 def test_files_of_one_name_are_trainings(tmp_path: Path, won: np.ndarray) -> None:
     files = [lerobot(tmp_path / f"{n}.json", list(won[n % 2])) for n in range(4)]
-    result = drivezoo.compare(*files, names="act,pi,act,pi", out=tmp_path / "out.json")
+    result = drivezoo.compare(*files, names="act,pi, act, pi", out=tmp_path / "out.json")
+    assert list(result.policies) == ["act", "pi"]
     assert {row.training for row in result.policies["act"]} == {str(files[0]), str(files[2])}
     assert not any(line.startswith("trainings:") for line in result.lines)
+    with pytest.raises(UsageError, match="names=act,pi,act,: needs a name for each of 4 files"):
+        drivezoo.compare(*files, names="act,pi,act,", out=tmp_path / "no.json")
 
 
 def test_one_name_is_not_that_of_several_policies(tmp_path: Path) -> None:
