@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import drivezoo
-from drivezoo.functions import Training
+from drivezoo.functions import Training, overrides
 from tests.recordings import Written, write_recording
 from tests.zoo import command_runs as commands
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
@@ -83,6 +83,25 @@ def test_a_training_keeps_the_users_logging(
     assert logging.root.handlers == [handler]
     assert Path("mine.log").read_text() == "kept\n"
     handler.close()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (np.array(["bend", "shift"]), "[bend,shift]"),
+        ({"shift", "bend"}, "[bend,shift]"),
+        ((word for word in ("bend", "shift")), "[bend,shift]"),
+        (np.array([[50, 0], [1, 2]]), "[[50,0],[1,2]]"),
+        (np.float32(0.2), "0.2"),
+    ],
+)
+def test_a_collection_is_a_list(value: object, text: str) -> None:
+    assert overrides({"augment": value}) == [f"augment={text}"]
+
+
+def test_the_tracks_of_an_array_are_driven() -> None:
+    with pytest.raises(drivezoo.UsageError, match="there is no track lagoon"):
+        drivezoo.evaluate("lenet", track=np.array(["lake", "lagoon"]))
 
 
 def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:

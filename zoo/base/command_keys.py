@@ -59,8 +59,7 @@ class Key:
     def row(self) -> str:
         """Return the lines of the help."""
         mark = entry_choice(self.kind)
-        limits = mark.words if mark else bounds(self.kind)
-        limits = limits.removeprefix("in ").removeprefix("of ")
+        limits = (mark.words if mark else bounds(self.kind)).removeprefix("in ").removeprefix("of ")
         explained = all(re.search(rf"\b{name}\b", self.meaning) for name in self.choices)
         meaning = re.sub(r"\bNone\b", "null", self.meaning)
         if limits and not (self.choices and explained):
@@ -141,17 +140,30 @@ def alternatives(names: Iterable[object]) -> str:
     return f"{', '.join(first)} or {last}" if first else last
 
 
+def listed(value: Any) -> Any:
+    """Return a collection as a list, and any other value, a mapping too, as it is.
+
+    >>> listed(range(2)), listed({"b", "a"}), listed("ab")
+    ([0, 1], ['a', 'b'], 'ab')
+    """
+    is_number = getattr(value, "shape", None) == ()  # of NumPy
+    if is_number or isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        return value
+    return sorted(value, key=str) if isinstance(value, set | frozenset) else list(value)
+
+
 def typed(value: object) -> str:
     """Return a value as users type it; a text stays as it is.
 
     >>> typed([1, None, "a"]), typed({"fog": 0.4}), typed(True)
     ('[1,null,a]', '{fog: 0.4}', 'true')
     """
+    value = listed(value)
     if value is None:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, list | tuple):
+    if isinstance(value, list):
         return f"[{','.join(map(typed, value))}]"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {typed(each)}" for key, each in value.items()) + "}"
@@ -260,8 +272,7 @@ def choices_of(kind: Any) -> tuple[str, ...]:
 
 def entry_choice(kind: Any) -> EntryChoice | None:
     """Return the mark of a type, or of a part of a union; None without it."""
-    kinds = (kind, *get_args(kind))
-    marks = (mark for part in kinds for mark in getattr(part, "__metadata__", ()))
+    marks = (mark for part in (kind, *get_args(kind)) for mark in getattr(part, "__metadata__", ()))
     return next((mark for mark in marks if isinstance(mark, EntryChoice)), None)
 
 
@@ -273,8 +284,7 @@ def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
     for owner in owners:
         text = inspect.cleandoc(owner.__doc__ or "")
         for title in ("\nArgs:\n", "\nAttributes:\n"):
-            section = SECTION.split(text.partition(title)[2])[0]
-            for names, meaning in _ENTRY.findall(section):
+            for names, meaning in _ENTRY.findall(SECTION.split(text.partition(title)[2])[0]):
                 words = " ".join(meaning.split()).removesuffix(".")
                 meanings |= {name.strip(" *"): words for name in names.split(",")}
     return meanings
@@ -297,8 +307,7 @@ def keys_of(function: Callable[..., Any], prefix: str = "", values: Any = None) 
             keys.append(Key(name, kind, parameter.default, meanings.get(parameter.name, "")))
         elif isinstance(mark, Choice):
             chosen = mark.resolved(name, values or {})[name]
-            meaning = meanings.get(parameter.name, "")
-            meaning += f"; one of {', '.join(mark.functions)}"
+            meaning = f"{meanings.get(parameter.name, '')}; one of {', '.join(mark.functions)}"
             keys.append(Key(name, kind, mark.default, meaning))
             keys += keys_of(mark.functions[chosen], f"{name}.")
         else:

@@ -19,6 +19,7 @@ from zoo.base.command_keys import (
     entry_choice,
     keyed,
     keys_of,
+    listed,
     mark_of,
     typed,
     wanted,
@@ -45,9 +46,7 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     """
     from pydantic import ValidationError
 
-    if isinstance(value, str) and value in NULLS:
-        value = None
-    original = value
+    original = value = None if isinstance(value, str) and value in NULLS else listed(value)
     parts = [getattr(part, "__origin__", part) for part in (*get_args(kind), kind)]
     plain = {get_origin(part) or part for part in parts}
     mark = entry_choice(kind)
@@ -61,10 +60,8 @@ def convert(name: str, kind: Any, value: Any) -> Any:
             value = parse_yaml(value if value.startswith("[") else f"[{value}]")
         except ValueError:
             raise UsageError(f"{name}={value}: must be a list, such as [1,2]") from None
-    if str in plain and isinstance(value, list | tuple):
-        value = ",".join(map(typed, value))
-    elif str in plain and isinstance(value, os.PathLike | Mapping):
-        value = typed(value)
+    if str in plain and isinstance(value, list | os.PathLike | Mapping):
+        value = ",".join(map(typed, value if isinstance(value, list) else [value]))
     try:
         return _adapter(kind).validate_python(value)
     except ValidationError as error:
