@@ -68,7 +68,7 @@ def test_results_give_tables_plots_and_a_complete_archive(monkeypatch: pytest.Mo
     assert "drivezoo train model=tiny seed=1" in text
     assert "| torch |" in text
     assert "1.2.3" in text
-    assert any("1.ckpt" in line for line in shown.notes)  # a checkpoint that is not there
+    assert any("of good is there: 1.ckpt" in line for line in shown.notes)
     assert any("your suite own" in line for line in shown.notes)
 
     zipfile.ZipFile("paper/repeat.zip").extractall("again")
