@@ -299,5 +299,5 @@ def _number(value: Any, where: object) -> float:
     except (TypeError, ValueError):
         number = math.nan
     if not is_ordinary(number):
-        raise InputError(f"{where}: {str(value)!a:.40} is no score; write 0, 1 or a number")
+        raise InputError(f"{where}: {str(value)!a:.40} is no score; write 0, 1 or 0.5")
     return number

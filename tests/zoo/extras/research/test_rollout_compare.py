@@ -311,6 +311,7 @@ def test_a_spreadsheets_separators_are_known(tmp_path: Path, separator: str) -> 
         ("policy,success\na,1\n", "one policy alone"),
         ("policy,success\na,1\nb,maybe\n", "line 3.*is no score"),
         ("policy,success\n\na,1\n\nb,maybe\n", "line 5.*is no score"),
+        ("policy;score\na;0,5\nb;1\n", r"line 2: '0,5' is no score; write 0, 1 or 0\.5"),
         ("policy,success\na,2\nb,1\n", "line 2: success is 2, not 0 or 1"),
         ("policy,won\na,1\nb,0\n", "has no column success or score; name another with score="),
         ("policy,score\na,0.5\nb,0,5\n", r"line 3: has more cells than the header; write 0\.5"),
