@@ -12,7 +12,7 @@ from zoo.base.compose import conf_folder, quote
 from zoo.base.errors import InputError
 from zoo.base.process_ranks import is_first_process, needs_processes
 from zoo.base.terminal import command_line
-from zoo.runs.status import claim_run
+from zoo.runs.status import claim_run, read_status
 
 KEY = "hydra.run.dir="
 # Files and folders that a run writes, and would replace.
@@ -20,6 +20,7 @@ TRACES = (
     *(".hydra", "status.json", "checkpoints", "drives", "plots", "report"),
     *("metrics.json", "metrics.csv", "split.csv", "hparams.yaml"),
 )
+EMPTY = [".hydra", "status.json"]  # of a run that failed before it trained, as by a typo
 
 
 def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None], logs: bool) -> None:
@@ -100,10 +101,10 @@ def check_name(folder: Path, key: str = KEY) -> None:
 
 
 def _refuse_a_run(folder: Path) -> None:
-    trace = next((name for name in TRACES if (folder / name).exists()), None)
-    if trace:
+    traces = [name for name in TRACES if (folder / name).exists()]
+    if traces and (traces != EMPTY or read_status(folder).get("status") != "failed"):
         raise InputError(
-            f"{folder}: already holds a run ({trace}); resume it with "
+            f"{folder}: already holds a run ({traces[0]}); resume it with "
             f"{command_line([f'resume={folder}'])}, or name another folder: hydra.run.dir=FOLDER"
         )
 

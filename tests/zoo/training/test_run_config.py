@@ -11,8 +11,10 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
 from datamodules.recording_format import read_recordings
+from tests.recordings import Written
 from tests.refusals import refusal
 from tests.zoo.command_runs import ROOT, only_line, run_here, succeed
+from tests.zoo.trainings import SMALL, data_of
 from zoo.base.compose import ABOUT, compose_config, conf_folder
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECIPE
@@ -53,7 +55,17 @@ def test_a_folder_of_the_users_own_choices(tmp_path: Path) -> None:
         assert only_line(result).startswith("drivezoo train: nofolder: no such folder")
     config = OmegaConf.load(tmp_path / "run" / ".hydra" / "config.yaml")
     assert config.model.width == 0.5
-    assert "already holds a run" in run_here(tmp_path, *arguments, "hydra.run.dir=run").stderr
+
+
+def test_a_run_that_failed_before_it_trained_leaves_its_folder_free(
+    recorded: Written, tmp_path: Path
+) -> None:
+    """Its command is typed again, without the typo."""
+    arguments = (*SMALL, *data_of(recorded), "hydra.run.dir=run")
+    for words in ("data.split=random.csv", "data.split=blokcs"):
+        assert f"{words} is not one of" in only_line(run_here(tmp_path, *arguments, words))
+    succeed(run_here(tmp_path, *arguments, "trainer.max_epochs=0"))
+    assert "already holds a run" in only_line(run_here(tmp_path, *arguments))
 
 
 def windowed(model: dict, **data: object) -> DictConfig:
