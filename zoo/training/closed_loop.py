@@ -17,6 +17,7 @@ from datamodules.recorded_car import other_car
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted
+from zoo.driving.scenario import SpeedMph
 from zoo.simulator.world_settings import Quality
 from zoo.training.run_module import RunModule, callbacks_of, data_of
 
@@ -59,7 +60,7 @@ class ClosedLoop(Callback):
         every_n_epochs: int = 1,
         starts: int = 4,
         metres: float = 150.0,
-        speed: float = 20.0,
+        speed: SpeedMph = 20.0,
         share: float | None = 0.2,
         quality: Quality = "full",
     ) -> None:
@@ -67,7 +68,6 @@ class ClosedLoop(Callback):
             ("every_n_epochs", every_n_epochs, 1),
             ("starts", starts, 1),
             ("metres", metres, 1),
-            ("speed", speed, 1),
             ("share", share or 0.0, 0.0),
         ):
             if not value >= least:

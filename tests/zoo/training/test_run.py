@@ -147,6 +147,10 @@ LOOP = "zoo.training.closed_loop.ClosedLoop"
         ("+optim.betas=[0.9]", "optim or schedule: "),
         ("+optim.foreach=true", "optim or schedule: "),
         (f"+callbacks.drives={{_target_: {LOOP}, starts: 0}}", "starts=0: must be 1 or more"),
+        (
+            f"+callbacks.drives={{_target_: {LOOP}, speed: 99}}",
+            "speed=99: must be a number in 1..30",
+        ),
         ("trainer.max_epochs=many", "max_epochs"),
         ("data.val_share=0", "monitors val/mse"),
         ("callbacks.early_stopping.patience=3", "a part that is not chosen"),
