@@ -322,8 +322,8 @@ def _add_entry(paper: Paper, name: str, position: str, entry: Entry) -> None:
         facts |= {"data": driver.data, "code": code_name(result.code), "drives": result.digest}
         paper.rows.append({"entry": name} | {key: str(fact or "-") for key, fact in facts.items()})
     if missing:
-        files = ", ".join(missing)
-        paper.notes.append(f"not in {ARCHIVE}, since no such file of {name} is there: {files}")
+        lost = ", ".join(missing)
+        paper.notes.append(f"not in {ARCHIVE}, since no such file of {name} is there: {lost}")
     else:
         paper.repeats[inside] = "benchmark verify"
     try:
