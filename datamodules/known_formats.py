@@ -96,9 +96,8 @@ def formats() -> dict[str, Format]:
 
 def writable_formats() -> dict[str, WritableFormat]:
     """Return the formats that can be written by name; see `formats`."""
-    return {
-        name: source for name, source in formats().items() if isinstance(source, WritableFormat)
-    }
+    named = formats().items()
+    return {name: source for name, source in named if isinstance(source, WritableFormat)}
 
 
 def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | None:

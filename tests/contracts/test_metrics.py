@@ -4,7 +4,7 @@ import json
 import math
 import re
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from io import StringIO
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from tests.contracts.outside_package import installed
 from tests.zoo.command_runs import run, succeed
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.parts import take_parts
+from zoo.base.registry import Registry
 from zoo.commands.new import TEMPLATES
 from zoo.driving.drive_record import SOCKET, Drive, DriveRow
 from zoo.driving.drives_table import mean_and_spread, print_drives
@@ -114,6 +115,17 @@ def test_a_metric_that_fails_is_named_and_unknown(
     np.testing.assert_equal(figures, measure(DRIVES_OF_ROWS["embedded"]))
     line = capsys.readouterr().err
     assert re.fullmatch(f"metric mine is unknown: outside_part: {reason}\n", line), line
+
+
+@pytest.mark.parametrize("registry", [METRICS, PERTURBATIONS])
+def test_a_label_names_one_entry(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else two columns of a leaderboard, or two curves of a plot, have one name."""
+    monkeypatch.setattr(registry, "_entries", dict(registry._entries))
+    entry = next(iter(registry.values()))
+    with pytest.raises(ValueError, match=f"{registry.kind} mine: .* has its label; change it"):
+        registry.add("mine", entry, "my_part")
+    registry.add("mine", replace(entry, label="mine"), "my_part")
+    registry.add("mine", replace(entry, label="mine"), "my_part")  # a cell of a notebook runs again
 
 
 def test_a_benchmark_has_a_users_metric_with_its_interval() -> None:

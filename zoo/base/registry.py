@@ -27,11 +27,14 @@ class Registry(Mapping[str, Entry]):
         """Add an entry that a module registers.
 
         Raises:
-            ValueError: another module has registered an entry of that name.
+            ValueError: another module has an entry of that name, or another entry has that label.
         """
         # A cell of a notebook may register its function again.
         if self._entries.get(name, (module,))[0] != module:
             raise ValueError(f"{self.kind} {name}: already registered; rename the function")
+        others = [other for key, (_, other) in self._entries.items() if key != name]
+        if getattr(entry, "label", None) in [getattr(other, "label", "") for other in others]:
+            raise ValueError(f"{self.kind} {name}: another {self.kind} has its label; change it")
         self._entries[name] = module, entry
 
     def own(self) -> list[str]:
@@ -46,8 +49,7 @@ class Registry(Mapping[str, Entry]):
 
     def __iter__(self) -> Iterator[str]:
         self._import_parts()
-        entries = self.own()
-        return iter([*entries, *(name for name in self._entries if name not in entries)])
+        return iter(sorted(self._entries, key=lambda name: name not in self.own()))
 
     def __len__(self) -> int:
         self._import_parts()

@@ -142,9 +142,8 @@ def exports(
     Raises:
         InputError: a kind of a package cannot be imported.
     """
-    for name, kind in OWN.items():
-        if to in (None, name) and weights == FLOAT:
-            yield name, kind
+    if weights == FLOAT:
+        yield from (pair for pair in OWN.items() if to in (None, pair[0]))
     for entry in installed_entries(GROUP):
         name, _, its = entry.name.partition(".")
         if to in (None, name) and weights == (its or FLOAT) and entry.name not in OWN:
