@@ -131,6 +131,8 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.train(trainer={"devices": 2}), drivezoo.UsageError, "devices=1"),
         (lambda: drivezoo.evaluate("no.ckpt"), drivezoo.InputError, "no.ckpt: no such checkpoint"),
         (lambda: drivezoo.evaluate(None), drivezoo.UsageError, "None: is no driver"),
+        (lambda: drivezoo.evaluate(drivezoo.policy("lenet")), drivezoo.UsageError, "is no driver"),
+        (lambda: drivezoo.policy(lambda frame: (0, None)), drivezoo.UsageError, "is no driver"),
         (lambda: drivezoo.evaluate("a", "b"), drivezoo.UsageError, "b: evaluate takes no further"),
         (lambda: drivezoo.benchmark(), drivezoo.UsageError, "not given: CKPT"),
         (lambda: drivezoo.benchmark(len), drivezoo.UsageError, "len>: is no path"),

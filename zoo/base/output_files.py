@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+from zoo.base.command_keys import alternatives
 from zoo.base.errors import InputError, UsageError
 
 OUTPUTS = Path("outputs")  # below the current folder
@@ -47,9 +48,7 @@ def checked_file(
     """
     path = Path(path).expanduser()
     if path.suffix not in endings:
-        *others, last = endings
-        allowed = f"{', '.join(others)} or {last}" if others else last
-        raise UsageError(f"{key}={path}: must end in {allowed}; name such a file")
+        raise UsageError(f"{key}={path}: must end in {alternatives(endings)}; name such a file")
     if into_folder and not path.parent.is_dir():
         raise InputError(f"{key}={path}: there is no folder {path.parent}; name another file")
     check_output(path, key, inputs)
@@ -79,7 +78,7 @@ def check_output(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()
         raise UsageError(f"{named}: is a folder; name another file")
     if path.is_symlink() or not path.is_file():
         raise InputError(f"{named}: exists, and is no regular file; name another file")
-    if not (_OVERWRITE.get() or (not key and _is_below_outputs(path))):
+    if not (_OVERWRITE.get() or (not key and OUTPUTS.resolve() in path.resolve().parents)):
         raise UsageError(
             f"{named}: exists; name another file, or replace this one with overwrite=true"
         )
@@ -91,8 +90,3 @@ def _is_within(path: Path, folder: Path) -> bool:
         return path.samefile(folder) or Path(os.path.realpath(folder)) in path.resolve().parents
     except (OSError, ValueError, RuntimeError):  # such as a loop of links
         return False
-
-
-def _is_below_outputs(path: Path) -> bool:
-    """Return whether a file is below `outputs`."""
-    return OUTPUTS.resolve() in path.resolve().parents

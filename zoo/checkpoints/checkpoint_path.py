@@ -5,10 +5,12 @@ their files: `NAME.ckpt`, and `NAME.json` with what it is, what it was trained o
 """
 
 import functools
+import inspect
 import json
 import os
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -104,11 +106,14 @@ def find_driver(named: Any) -> Any:
     """
     if isinstance(named, str | os.PathLike):
         return str(find_checkpoint(os.fspath(named)))
-    if not callable(named):
-        raise UsageError(
-            f"{named}: is no driver; name a checkpoint's path, a run, or a function of a frame and "
-            "mph"
-        )
+    with suppress(ValueError):  # a function in C, whose arguments are unknown
+        try:
+            inspect.signature(named).bind(None, 0.0)
+        except TypeError:
+            raise UsageError(
+                f"{named}: is no driver; name a checkpoint's path, a run, or a function of a frame "
+                "and mph"
+            ) from None
     return named
 
 
@@ -244,7 +249,5 @@ def read_facts(name: str) -> dict[str, Any]:
 def note_hidden(path: Path) -> None:
     """Print once that a file or folder is used, not the network of its name."""
     kind = "folder" if path.is_dir() else "file"
-    line = (
-        f"the {kind} of that name here; the network that comes with drivezoo is {PACKAGED / path}"
-    )
-    print(error_line(str(path), f"{line}.ckpt"), file=sys.stderr, flush=True)
+    line = f"the {kind} of that name here; the network that comes with drivezoo is"
+    print(error_line(str(path), f"{line} {PACKAGED / path}.ckpt"), file=sys.stderr, flush=True)
