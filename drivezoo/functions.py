@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -134,7 +134,10 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
             name_parts(map(str, [parts] if isinstance(parts, str | Path) else parts))
             return function(*args, **kwargs)
         except Exception as error:
-            if (failure := expected_failure(error)) is None:
+            # Of this call itself: an argument is missing, or the function does not take it.
+            wrong = isinstance(error, TypeError) and not getattr(error.__traceback__, "tb_next", 0)
+            failure = UsageError(error) if wrong else expected_failure(error)
+            if failure is None:
                 raise
         raise failure.with_traceback(None)
 
@@ -201,7 +204,7 @@ def train(**keys: Any) -> Training:
     from zoo.commands.train import is_sweep
     from zoo.commands.train import train as train_run
 
-    arguments = overrides(keys)
+    arguments = [f"{key}={text}" for key, text in typed_keys(keys)]
     if is_sweep(arguments):
         raise UsageError("hydra.mode=MULTIRUN: call train for each run, or type drivezoo train -m")
     return Training.read(train_run(arguments, several=False))
@@ -385,12 +388,3 @@ def write_table(rows: Any, path: str | Path, overwrite: bool = False) -> Path:
         table = Table.of_figures(rows)
     with overwriting(convert("overwrite", bool, overwrite)):
         return write_result_table(table, path)
-
-
-def overrides(keywords: Mapping[str, object]) -> list[str]:
-    """Return keywords as overrides of `drivezoo train`; the keys of a dict are joined by dots.
-
-    >>> overrides({"model": "lenet", "data": {"root": "lake", "val_share": 0.2}, "quick": True})
-    ['model=lenet', 'data.root=lake', 'data.val_share=0.2', 'quick=true']
-    """
-    return [f"{key}={text}" for key, text in typed_keys(keywords)]

@@ -22,13 +22,14 @@ import numpy as np
 import pytest
 
 import drivezoo
-from drivezoo.functions import Training, overrides
+from drivezoo.functions import Training
 from tests.recordings import Written, write_recording
 from tests.zoo import command_runs as commands
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.results.synthetic_results import ROADS, figures, result, write
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.command_keys import typed_keys
 from zoo.commands.drive import StopOnSignal
 from zoo.runs.table_files import write_plot
 
@@ -96,7 +97,7 @@ def test_a_training_keeps_the_users_logging(
     ],
 )
 def test_a_collection_is_a_list(value: object, text: str) -> None:
-    assert overrides({"augment": value}) == [f"augment={text}"]
+    assert list(typed_keys({"augment": value})) == [("augment", text)]
 
 
 def test_the_tracks_of_an_array_are_driven() -> None:
@@ -133,6 +134,10 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.evaluate(None), drivezoo.UsageError, "None: is no driver"),
         (lambda: drivezoo.evaluate(drivezoo.policy("lenet")), drivezoo.UsageError, "is no driver"),
         (lambda: drivezoo.policy(lambda frame: (0, None)), drivezoo.UsageError, "is no driver"),
+        (lambda: drivezoo.drive("a", "b"), drivezoo.UsageError, "takes 1 positional argument but"),
+        (lambda: drivezoo.train("lenet"), drivezoo.UsageError, "takes 0 positional arguments but"),
+        (lambda: drivezoo.read_run(fodler="a"), drivezoo.UsageError, "argument 'fodler'"),
+        (lambda: drivezoo.expert(), drivezoo.UsageError, "missing 1 required positional argument"),
         (lambda: drivezoo.evaluate("a", "b"), drivezoo.UsageError, "b: evaluate takes no further"),
         (lambda: drivezoo.benchmark(), drivezoo.UsageError, "not given: CKPT"),
         (lambda: drivezoo.benchmark(len), drivezoo.UsageError, "len>: is no path"),

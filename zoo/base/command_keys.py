@@ -182,7 +182,11 @@ def changed(options: object) -> list[str]:
 
 
 def typed_keys(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield keys, those of an inner mapping after a dot, with their values as users type them."""
+    """Yield keys, those of an inner mapping after a dot, with their values as users type them.
+
+    >>> list(typed_keys({"model": "lenet", "data": {"root": "lake", "offset": 0.2}}))
+    [('model', 'lenet'), ('data.root', 'lake'), ('data.offset', '0.2')]
+    """
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from typed_keys(value, f"{prefix}{key}.")
