@@ -156,7 +156,7 @@ LOOP = "zoo.training.closed_loop.ClosedLoop"
         ("callbacks.early_stopping.patience=3", "a part that is not chosen"),
         ("callbacks.best.monitor=val/msee", "did you mean val/mse"),
         ("callbacks.best.mode=max", "monitors val/mse, of which the min is best; set its mode=min"),
-        ("callbacks.best.monitor=val/bias", "of which neither the least nor the greatest is best"),
+        ("callbacks.best.monitor=val/bias", "val/bias, a signed figure: its least is not its best"),
         ("callbacks.best.monitor=wxyz", "available: train/loss, val/"),
         ("data.cache=/proc/none", "cannot write the view cache"),
     ],
