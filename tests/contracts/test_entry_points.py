@@ -54,3 +54,23 @@ def test_a_broken_one_leaves_the_commands_beside_it(
     for group in ("command simulator.mine", "comparison mine"):
         assert f"broken_ends:number: the {group} is no zoo.base.command.Com" in printed.err
     assert comparison_of([tmp_path]) is compare
+
+
+@pytest.mark.parametrize("name", ["result.json", "lenet.json"])
+def test_no_package_is_asked_about_results_of_the_benchmark(name: str, tmp_path: Path) -> None:
+    entries = "[drivezoo.comparisons]\nmine = broken_asks:ours\n"
+    code = """from zoo.commands.compare import compare
+class Ours:
+    compare = compare
+    def detect(self, files):
+        raise TypeError("no file of ours")
+ours = Ours()
+"""
+    write_package(tmp_path, "broken_asks", code, entries)
+    (tmp_path / name).write_text('{"version": 1, "suite": "v1"}')
+    (tmp_path / "rollouts.csv").write_text("policy,success\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        assert comparison_of([tmp_path / name, tmp_path / name]) is compare
+        with pytest.raises(TypeError, match="no file of ours"):
+            comparison_of([tmp_path / name, tmp_path / "rollouts.csv"])

@@ -56,10 +56,14 @@ def compare(
 def comparison_of(files: Sequence[str | Path]) -> Command[Any]:
     """Return the command that compares some files: that of an installed package which reads them.
 
-    An entry point of `drivezoo.comparisons` names a module with `detect`, which looks at the files,
-    and `compare`, the command.
+    No package is asked about results of the benchmark. An entry point of `drivezoo.comparisons`
+    names a module with `detect`, which looks at the files, and `compare`, the command.
     """
-    return next((other.compare for other in _others() if other.detect(files)), compare)
+    from zoo.results.result import is_result
+
+    paths = [Path(file).expanduser() for file in files if isinstance(file, str | Path)]
+    others = [] if all(map(is_result, paths)) else _others()
+    return next((other.compare for other in others if other.detect(files)), compare)
 
 
 def compare_files(arguments: list[str]) -> None:

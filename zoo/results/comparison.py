@@ -94,9 +94,7 @@ class ComparedEntries(Result):
         return lines
 
     def __repr__(self) -> str:
-        return "\n".join(
-            [f"ComparedEntries of {self._names}", *(f"  {line}" for line in self.lines)]
-        )
+        return "\n  ".join([f"ComparedEntries of {self._names}", *self.lines])
 
     @property
     def _score(self) -> str:
@@ -112,18 +110,15 @@ class ComparedEntries(Result):
         for name, entry in (("A", self.a), ("B", self.b)):
             how = f"training seeds: {entry.seeds}" if entry.is_trained else "a baseline"
             print_line(console, printable(f"{name}: {entry.result.entry}, {how} ({entry.path})"))
-        table = (
-            self.result_table()
-            .narrow()
-            .printed(
-                left=1,
-                whole=range(len(COLUMNS) - 1),
-                title="A minus B",
-                caption=f"Below each figure: its {INTERVALS}",
-                caption_justify="left",
-                box=SIMPLE_HEAD,
-                show_edge=False,
-            )
+        shown = self.result_table().narrow()
+        table = shown.printed(
+            left=1,
+            whole=range(len(COLUMNS) - 1),
+            title="A minus B",
+            caption=f"Below each figure: its {INTERVALS}",
+            caption_justify="left",
+            box=SIMPLE_HEAD,
+            show_edge=False,
         )
         table.columns[-1].min_width = 10
         console.print(table)
@@ -163,16 +158,14 @@ class ComparedEntries(Result):
         if name in compared[0].a:
             figures[f"{name}_a"] = [row.a[name] for row in compared]
             figures[f"{name}_b"] = [row.b[name] for row in compared]
-        return Column(
-            name, heading, [_estimate(estimate, form, factor) for estimate in estimates], figures
-        )
+        texts = [_estimate(estimate, form, factor) for estimate in estimates]
+        return Column(name, heading, texts, figures)
 
     def plot(self) -> Figure:
         """Return the difference in the score of each group with its 95 % interval."""
         label = f"{SCORES[self._score]}, {self.a.result.entry} minus {self.b.result.entry} (points)"
-        return interval_plot(
-            {name: group.difference for name, group in self.groups.items()}, label, 0.0
-        )
+        differences = {name: group.difference for name, group in self.groups.items()}
+        return interval_plot(differences, label, 0.0)
 
     def write(self, path: Path) -> Path:
         """Write all figures as JSON; return the path.

@@ -94,8 +94,7 @@ def _curve(
     for _ in range(STEPS):
         chance = special.expit(design @ curve)
         spread = count * chance * (1 - chance)
-        information = design.T @ (spread[:, None] * design)
-        inverse = np.linalg.pinv(information)
+        inverse = np.linalg.pinv(design.T @ (spread[:, None] * design))
         leverage = np.einsum("ij,jk,ik->i", design, inverse, design) * spread
         score = design.T @ (clean - count * chance + leverage * (0.5 - chance))
         step = inverse @ score

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from zoo.base.errors import InputError
+from zoo.base.bounded_files import MOST_JSON_BYTES, open_binary
+from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.code_fingerprint import CodeFacts
 from zoo.runs.record_fields import Count, Fields, Number, Whole
@@ -124,6 +125,15 @@ class BenchmarkResult(Fields):
         had none.
         """
         return "without_intervention" if self.has_levels else "autonomy"
+
+
+def is_result(path: Path) -> bool:
+    """Return whether a file or folder has a result of the benchmark, by its name or first keys."""
+    path = path / NAME if path.is_dir() else path
+    if not path.is_file() or path.name == NAME:
+        return path.is_file()
+    with file_errors(path), open_binary(path, MOST_JSON_BYTES) as file:
+        return b'"suite":' in file.read(200)
 
 
 def result_path(path: Path) -> Path:

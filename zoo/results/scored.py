@@ -174,8 +174,7 @@ def load_run(folder: Path) -> Scored | None:
         InputError: a file of the run is missing or cannot be read.
     """
     metrics = read_metrics_file(folder)
-    open_loop = metrics.get("open_loop")
-    if open_loop is None:
+    if (open_loop := metrics.get("open_loop")) is None:
         return None
     run = Run(folder)
     for name, figures in run.tracks.items():
@@ -267,12 +266,11 @@ def load_benchmark(folder: Path) -> Scored:
         for name in (result.score, "cte_mean_m", "interventions", "driven_s")
     }
     suite = f"{result.suite} {result.roads[:6]}"
-    clean = sum(record.is_clean for record in records)
     return Scored(
         folder=folder,
         name=result.entry,
         tracks={suite: figures},
-        counts={suite: (clean, len(drives))},
+        counts={suite: (sum(record.is_clean for record in records), len(drives))},
         source=BENCHMARK,
         trainings=sum(driver.sha256 is not None for driver in result.checkpoints),
     )

@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zoo.base.bounded_files import MOST_JSON_BYTES, open_binary
 from zoo.base.command import command
-from zoo.base.errors import file_errors
 from zoo.base.output_files import check_output
-from zoo.results.result import NAME
+from zoo.results.result import is_result
 from zoo.runs.table_files import ResultFiles
 
 if TYPE_CHECKING:
@@ -21,13 +19,7 @@ def detect(files: Sequence[str | Path]) -> bool:
 
     named = [Path(file).expanduser() for file in files if isinstance(file, str | Path)]
     paths = map(rollouts_path, named)
-    return any(path.is_file() and not _is_result(path) for path in paths)
-
-
-def _is_result(path: Path) -> bool:
-    """Return whether a file is a result of the benchmark, by its name or its first keys."""
-    with file_errors(path), open_binary(path, MOST_JSON_BYTES) as file:
-        return path.name == NAME or b'"suite":' in file.read(200)
+    return any(path.is_file() and not is_result(path) for path in paths)
 
 
 @command(outputs=True)
