@@ -150,7 +150,7 @@ def score_driver(
         if path:
             evidence = read_evidence(path, policy.config, policy.data)
             evidence = replace(evidence, can_train=isinstance(policy, CheckpointPolicy))
-        verdict = judge(scores.drives, evidence, options.tracks, options.world, speed=options.speed)
+        verdict = judge(scores.drives, evidence, options.tracks, options.world, None, vars(options))
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)
         pages = [write_report(folder)] if options.page else []

@@ -7,18 +7,13 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
+from zoo.base.command_keys import changed
 from zoo.base.console_script import place_of
 from zoo.base.terminal import command_line, print_next
 from zoo.driving.intervals import ONE_TRACK, poisson_rate
-from zoo.driving.scenario import Scenario
 from zoo.runs.result_table import with_interval
-from zoo.scoring.evidence import (
-    Evidence,
-    known_tracks,
-    likely_causes,
-    no_verdict,
-    train_again,
-)
+from zoo.scoring.evaluate_options import EvaluateOptions
+from zoo.scoring.evidence import Evidence, known_tracks, likely_causes, no_verdict, train_again
 
 DRIVES, ALMOST, FAILS, UNKNOWN = "drives", "almost", "fails", "unknown"
 WORDS = {
@@ -33,6 +28,8 @@ COLOURS = {FAILS: "red", ALMOST: "yellow", UNKNOWN: "yellow", DRIVES: "green"}
 NEARLY = 0.9  # least autonomy of a network that drove with interventions
 ENOUGH = 16  # roads without an intervention: then at least 79 % of such roads have none (95 %)
 WHOLE_S = 60.0  # seconds of a replay in which one intervention leaves an autonomy of 90 %
+# Keys of a drive that the next command takes, too; its track is named apart.
+KEYS = ("speed", "direction", "weather", "frame_rate", "delay_s", "quality", "throttle", "margin")
 WHOLE_LAP = 0.95  # laps; a drive may end just before the end of its last lap
 
 
@@ -67,7 +64,7 @@ def judge(
     tracks: Sequence[str] | None = None,
     world: str = "embedded",
     replayed: str | None = None,
-    speed: float | None = None,
+    driven: Mapping[str, object] | None = None,
 ) -> Verdict:
     """Judge a network by its drives.
 
@@ -79,7 +76,7 @@ def judge(
         world: world that was driven in.
         replayed: what was replayed, in words; None if `world` says it. A network of another car
             than Udacity's gets no verdict by the embedded world.
-        speed: speed that the drives held, mph; None for that of the run's `score`.
+        driven: settings of the drives, as `speed`; None for those of the run's `score`.
     """
     from zoo.simulator.track_names import full_name
 
@@ -97,6 +94,8 @@ def judge(
     lost = [track for track in names if levels[track] in (FAILS, ALMOST)]
     causes = likely_causes(evidence, [] if world == "replay" else lost) if lost else []
     again = train_again(evidence, causes)
+    keys = _changed_keys({key: evidence.at(f"score.{key}") for key in KEYS} | dict(driven or {}))
+    weather = [word for word in keys if word.startswith("weather=")] if lost else []
     typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
     worst = typed.get(names[0], names[0]) if names else "lake"
     known, titles = {}, {name: f"the {name}" for name in names}
@@ -108,8 +107,8 @@ def judge(
         _headline(level, names, by_track, known, titles),
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
         _certainty(by_track, replayed or "replay" if world == "replay" else None),
-        tuple(cause.text for cause in causes),
-        tuple(_commands(level, evidence, again, worst, world, speed or evidence.at("score.speed"))),
+        (*(f"It was driven in {word}." for word in weather), *(cause.text for cause in causes)),
+        tuple(_commands(level, evidence, again, worst, world, keys)),
     )
 
 
@@ -145,6 +144,12 @@ def _typed_tracks(tracks: object) -> dict[str, str]:
     typed = tracks.split(",") if isinstance(tracks, str) else tracks
     names = typed if isinstance(typed, Sequence) else ()
     return {recorded_name(short_name(name)): name for name in names if isinstance(name, str)}
+
+
+def _changed_keys(settings: Mapping[str, object]) -> list[str]:
+    """Return settings of `KEYS` that are not the usual ones, as a user types them."""
+    known = {key: settings[key] for key in KEYS if settings[key] is not None}
+    return changed(EvaluateOptions(**known))  # type: ignore[arg-type]
 
 
 def _headline(
@@ -253,7 +258,7 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) 
 
 
 def _commands(
-    level: str, evidence: Evidence, again: str | None, track: str, world: str, speed: object
+    level: str, evidence: Evidence, again: str | None, track: str, world: str, keys: list[str]
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
     steps = [("train again", again)] if again else []
@@ -261,15 +266,15 @@ def _commands(
         return steps
     if world == "replay":  # of any car: nothing here drives it on a track
         return [*steps, ("replay a whole recording of its car", _replay_command(evidence))]
-    key = [f"speed={speed:g}"] if isinstance(speed, int | float) and speed != Scenario.speed else []
-    on_track = [evidence.checkpoint, f"track={track}", *key]
-    watch = ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}", *key])
+    on_track = [evidence.checkpoint, f"track={track}", *keys]
+    speed = [word for word in keys if word.startswith("speed=")]
+    watch = ("watch it drive", ["drive", evidence.checkpoint, f"sim={track}", *speed])
     if world != "embedded":  # the only world that `correct` and `drive` have
         following = [("drive it three times", ["evaluate", *on_track, f"world={world}", "seeds=3"])]
     elif level in (ALMOST, FAILS):
         correct = ("or let the expert correct it", ["correct", *on_track])
-        corrects = evidence.can_train and place_of("correct")  # an extra's
-        following = [correct if corrects else watch]
+        # The command `correct` is an extra's.
+        following = [correct if evidence.can_train and place_of("correct") else watch]
     elif level == UNKNOWN:
         following = [("drive it", ["evaluate", *on_track])]
     else:

@@ -156,9 +156,21 @@ def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
 @pytest.mark.parametrize(("lost", "world"), [(0, "embedded"), (20, "embedded"), (0, "donkey")])
 def test_the_next_command_drives_at_the_speed_that_was_driven(lost: int, world: str) -> None:
     for facts, speed in ((evidence(), 28.0), (evidence({"score": {"speed": 28}}), None)):
-        command = judge([drive(lost)], facts, ["lake"], world, speed=speed).commands[-1][1]
+        driven = {"speed": speed} if speed else None
+        command = judge([drive(lost)], facts, ["lake"], world, driven=driven).commands[-1][1]
         assert " speed=28" in command
-    assert "speed=" not in judge([drive(lost)], evidence(), speed=15.0).commands[-1][1]
+    assert "speed=" not in judge([drive(lost)], evidence(), driven={"speed": 15.0}).commands[-1][1]
+
+
+def test_the_next_command_drives_in_the_weather_that_was_driven() -> None:
+    fog = {"weather": "{fog: 0.8}", "quality": "fast"}
+    for facts, driven in ((evidence(), fog), (evidence({"score": fog}), None)):
+        verdict = judge([drive(20)], facts, driven=driven)
+        if place_of("correct"):  # an extra's
+            assert words_of(verdict)[-1][-2:] == ["weather={fog: 0.8}", "quality=fast"]
+        assert verdict.causes[0] == "It was driven in weather={fog: 0.8}."
+        command = judge([drive(0)], facts, driven=driven).commands[-1][1]
+        assert "weather" not in command, "drivezoo drive has clear weather alone"
 
 
 def test_the_next_command_after_another_world_names_it() -> None:
