@@ -229,7 +229,7 @@ class RecordingReport:
         rows: number of rows.
         side_cameras: rows with both side images.
         seconds: driven time, without gaps; NaN without times in the file names.
-        fps: one over the median time between rows; NaN without times.
+        fps: rows of a second, without gaps; NaN without times.
         gaps: times over a second between rows.
         zero_share: share of rows whose steering is exactly 0: a keyboard gives many.
         mean_speed_mph: mean of the speed.
@@ -258,7 +258,7 @@ def _report(recording: Recording, name: str) -> RecordingReport:
         rows=len(recording),
         side_cameras=sum(None not in row for row in recording.images[:, 1:].tolist()),
         seconds=float(driven.sum()) if len(driven) else float("nan"),
-        fps=float(1 / np.median(driven)) if len(driven) else float("nan"),
+        fps=float(1 / driven.mean()) if len(driven) else float("nan"),
         gaps=int(find_breaks(recording).sum()),
         zero_share=float((recording.steering == 0).mean()) if len(recording) else float("nan"),
         mean_speed_mph=float(recording.speed_mph.mean()) if len(recording) else float("nan"),

@@ -246,6 +246,14 @@ def test_a_pause_or_a_step_back_in_time_is_a_gap_and_no_driving(seconds):
     assert report.seconds == pytest.approx(28 / 15, abs=0.01)
 
 
+def test_rows_seconds_and_rate_agree_where_a_simulator_drives_in_whole_steps():
+    recording = recording_in_memory(np.zeros(301))
+    recording.time_s[:] = np.ceil(np.arange(301) / 15 / 0.02 - 1e-6) * 0.02  # 0.06 or 0.08 s apart
+    (report,) = report_recordings(recording)
+    assert report.seconds * report.fps == pytest.approx(300)
+    assert "20 s at 15.0 frames/s" in report_lines(recording)[0]
+
+
 def test_rows_without_times_have_no_seconds():
     recording = recording_in_memory(np.zeros(3))
     recording.time_s[:] = np.nan
@@ -258,7 +266,7 @@ def test_a_line_a_recording_says_it_all(tmp_path):
     full = write_recording(tmp_path / "one", rows=60)
     center = write_recording(tmp_path / "two", rows=3, cameras=("center",))
     first, second = report_lines(read_recordings([str(full.folder), str(center.folder)]))
-    assert first.startswith(f"{full.folder}: 60 rows, 3 cameras, 4 s at 14.9 frames/s")
+    assert first.startswith(f"{full.folder}: 60 rows, 3 cameras, 4 s at 15.0 frames/s")
     assert "0 gaps" in first
     assert "0 gaps" in second, "the time between two recordings is no gap of either"
     assert f"{(full.steering == 0).mean():.0%} of steering exactly 0" in first
