@@ -17,10 +17,13 @@ class Registry(Mapping[str, Entry]):
 
     Args:
         kind: kind of the entries in a word, such as `metric`.
+
+    Attributes:
+        failed: users' functions whose failure was printed.
     """
 
     def __init__(self, kind: str) -> None:
-        self.kind = kind
+        self.kind, self.failed = kind, set[object]()
         self._entries: dict[str, tuple[str, Entry]] = {}  # module and entry, by name
 
     def add(self, name: str, entry: Entry, module: str) -> None:

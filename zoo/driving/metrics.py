@@ -22,7 +22,6 @@ from zoo.base.rig import MPS_PER_MPH
 from zoo.driving import tally
 from zoo.driving.drive_record import BAND, PERSON, POLICY, REPLAY, SOCKET, Drive
 from zoo.driving.interventions import STALLED_BELOW_MPH
-from zoo.driving.tally import LONGEST_STEP_S
 
 HIGHER, LOWER, NEITHER = "higher is better", "lower is better", "neither"
 SHARE, COUNT, NUMBER = "share", "count", "1"
@@ -31,7 +30,6 @@ DRIVES, REPLAYS = "drives", "replays"  # tables: drives on a track, and a replay
 
 Function = Callable[[Drive], float | None]
 Registered = TypeVar("Registered", bound=Function)
-Pool = Callable[[list[dict]], float]
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ class Metric:
     heading: str = ""
     replay_heading: str = ""
     without: str = "-"
-    pool: Pool | None = None
+    pool: Callable[[list[dict]], float] | None = None
     column: int | None = None
     column_label: str = ""
 
@@ -147,7 +145,7 @@ def measure(drive: Drive) -> dict[str, float]:
 
 
 def _figure(metric: Metric, drive: Drive) -> float | None:
-    """Return a metric of a drive; NaN, and a line that names it, if a part's function fails."""
+    """Return a metric of a drive; NaN, and once a line, if a part's function fails."""
     try:
         value: Any = metric.function(drive)
         # A user's function may return a number of NumPy, which JSON has not.
@@ -155,8 +153,11 @@ def _figure(metric: Metric, drive: Drive) -> float | None:
     except Exception as error:  # a user's function may raise any
         if metric.name in METRICS.own():
             raise
-        plain = f"{metric.function.__module__}: {type(error).__name__}: {error}; return a number"
-        print(f"metric {metric.name} is unknown: {part_failure(error) or plain}", file=sys.stderr)
+        kind = f"{metric.function.__module__}: {type(error).__name__}"
+        reason = part_failure(error) or f"{kind}: {error}; return a number"
+        if metric.function not in METRICS.failed:  # a line for each drive tells no more
+            print(f"metric {metric.name} is unknown: {reason}", file=sys.stderr)
+        METRICS.failed.add(metric.function)
         return math.nan
 
 
@@ -256,11 +257,10 @@ def driven_s(drive: Drive) -> float:
     Simulated time in the embedded world, recorded time in a replay. On a socket: the simulator's
     time if it sends one, else wall time; steps of more than 1 s are pauses and count as 0.
     """
-    total = 0.0
-    for (time_s,) in _by_client(drive, drive.time_s):
-        steps = np.diff(time_s)
-        total += float(time_s[-1] - time_s[0] - (steps - _driven_steps(drive, time_s)).sum())
-    return total
+    return sum(
+        float(time_s[-1] - time_s[0] - (np.diff(time_s) - _driven_steps(drive, time_s)).sum())
+        for (time_s,) in _by_client(drive, drive.time_s)
+    )
 
 
 @metric("laps", COUNT, NEITHER, OURS, bounds="any", tables=(DRIVES,))
@@ -437,7 +437,7 @@ def _driven_steps(drive: Drive, time_s: np.ndarray) -> np.ndarray:
     """Return the seconds from each row to the next; 0 for a pause on a socket."""
     steps: np.ndarray = np.diff(time_s)
     if drive.source == SOCKET:
-        steps[steps > LONGEST_STEP_S] = 0.0
+        steps[steps > tally.LONGEST_STEP_S] = 0.0
     return steps
 
 
