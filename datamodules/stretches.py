@@ -17,6 +17,9 @@ PAUSE_S = 10.0  # between two drives without times; longer than a gap
 # A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
 # the original simulator 2 of 2,699 steps are longer.
 MOST_STEPS = 3
+# Times with a usual step of at least so much are counted in so many parts of a second: a camera
+# takes 0.2 to 200 frames in one.
+PARTS = ((5e6, 1e9), (5e3, 1e6), (5.0, 1e3), (0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,22 @@ def times_of_drives(drive: np.ndarray, since_start_s: np.ndarray) -> np.ndarray:
         times[part] = start + since_start_s[part]
         start = times[part].max(initial=start) + PAUSE_S
     return times
+
+
+def in_seconds(times: list[float], most: float = 1e9) -> list[float]:
+    """Return times, NaN where unknown, in seconds; their usual step tells their unit.
+
+    >>> in_seconds([50.0, 100.0, 150.0]), in_seconds([7.0, 7.05, 7.1]), in_seconds([50.0], 1e3)
+    ([0.05, 0.1, 0.15], [7.0, 7.05, 7.1], [0.05])
+
+    Args:
+        times: times in any unit.
+        most: parts of a second in which they may be counted, and are where no two times differ.
+    """
+    steps = np.diff(np.unique(np.array(times)[np.isfinite(times)]))
+    fitting = (parts for least, parts in PARTS if len(steps) and np.median(steps) >= least)
+    parts = min(next(fitting, most), most)
+    return [time / parts for time in times]
 
 
 def complete_times(recording: Recording) -> np.ndarray:

@@ -33,7 +33,7 @@ from datamodules.recording import (
     spellings,
     unnamed_note,
 )
-from datamodules.stretches import complete_times, continuous_drives, times_of_drives
+from datamodules.stretches import complete_times, continuous_drives, in_seconds, times_of_drives
 from zoo.base.bounded_files import MOST_JSON_BYTES, open_text, read_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, is_ordinary
@@ -60,13 +60,12 @@ _OLD_RECORD = re.compile(r"record_(\d{1,9})\.json")
 
 title = "Donkeycar tub"
 CATALOG_ROWS = 1000  # records in a catalog, as Donkeycar writes them
-SPEED = SPEEDS_MPS[0]
 TYPES = {
     IMAGE: "image_array",
     ANGLE: "float",
     THROTTLE: "float",
     MODE: "str",
-    SPEED: "float",
+    SPEEDS_MPS[0]: "float",
     **{key: "float" for key in EXACT.values()},
 }
 
@@ -123,16 +122,18 @@ def read(path: Path, options: ReadOptions) -> Recording:
         if others := find_below(path)[:SUGGESTED]:
             remedy = f"name {' or '.join(map(str, others))}"
         raise InputError(f"{path}: {what}; {remedy}")
+    columns["time_s"] = in_seconds(columns["time_s"], most=1e3)
     numbers = {name: np.array(columns[name], float) for name in TIMED_LABELS}
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
-    if np.isnan(numbers["time_s"]).any():
-        sessions = {name: index for index, name in enumerate(dict.fromkeys(columns["session"]))}
-        drive = np.array([sessions[name] for name in columns["session"]])
+    untimed = int(np.isnan(numbers["time_s"]).sum())
+    if untimed:
+        drive = np.unique(columns["session"], return_inverse=True)[1]
         numbers["time_s"] = times_of_drives(drive, np.array(columns["line"]) / LOOP_HZ)
     counts = {
         f"{counted(deleted, 'record')} left out that the tub marks as deleted": deleted,
         f"{counted(piloted, 'record')} left out that an autopilot drove": piloted,
+        f"{counted(untimed, 'record')} without a time: {LOOP_HZ:g} a second are assumed": untimed,
         "the tub has no speed: the log has 0 mph in each row": not any(columns["has_speed"]),
     }
     recording = make_recording(
@@ -168,7 +169,7 @@ def _record(source: str, text: str, images: str) -> dict[str, Any] | None:
         "throttle": number(entry, EXACT["throttle"], source, number(entry, throttle, source, 0.0)),
         "brake": number(entry, EXACT["brake"], source, 0.0),
         "speed_mph": number(entry, EXACT["speed_mph"], source, speed_mph),
-        "time_s": number(entry, stamp, source) / 1000 if stamp in entry else np.nan,
+        "time_s": number(entry, stamp, source) if stamp in entry else np.nan,
         "session": str(entry.get("_session_id", "")),
         "has_speed": speed in entry or EXACT["speed_mph"] in entry,
         "is_own": EXACT["speed_mph"] in entry,
@@ -276,7 +277,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
                 ANGLE: float(kept.steering[row]),
                 THROTTLE: exact[EXACT["throttle"]] - exact[EXACT["brake"]],
                 MODE: "user",
-                SPEED: exact[EXACT["speed_mph"]] * MPS_PER_MPH,
+                SPEEDS_MPS[0]: exact[EXACT["speed_mph"]] * MPS_PER_MPH,
                 **exact,
                 "_index": row,
                 "_session_id": sessions[drive[row]],
@@ -289,8 +290,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     if any(path is not None for path in recording.images[:, 1:].flat):
         notes.append("a tub has one camera: the side cameras are left out")
     following = ("donkey", "train", "--tub", str(out.absolute()))
-    purpose = "in your car's folder"
-    return Converted(out, len(kept), len(drives), tuple(notes), following, purpose)
+    return Converted(out, len(kept), len(drives), tuple(notes), following, "in your car's folder")
 
 
 def write_catalogs(folder: Path, lines: list[str], sessions: list[str], created_s: float) -> None:

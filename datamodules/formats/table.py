@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from datamodules.driving_log import CAMERAS, IMAGE, BadRows, read_fields
 from datamodules.format_options import MPS_PER, ReadOptions
 from datamodules.formats.labels import collect, decimal, inside, labelled_recording, read_csv
@@ -26,11 +24,11 @@ from datamodules.formats.parquet_columns import (
 from datamodules.image import StoredImage
 from datamodules.recording import ForwardReader, Recording
 from datamodules.steering_unit import SteeringUnit
+from datamodules.stretches import in_seconds
 from zoo.base.errors import InputError, UsageError, library_errors
 from zoo.base.limits import check_unpacked
 
 title = "table"
-UNIT = SteeringUnit()
 UNKNOWN = "NAME"  # of a column that cannot be guessed
 SUFFIXES = (".csv", ".tsv", ".parquet")
 # Names that `columns` may give, and those of the rows that they become.
@@ -45,9 +43,6 @@ NUMBERS = {
 STEERING_WORD = re.compile(r"steer|(^|[/_. ])angle($|[/_. ])", re.IGNORECASE)
 _IMAGE_WORD = re.compile(r"image|img|frame|file|path|cent(er|re)", re.IGNORECASE)
 ROWS_AT_ONCE = 256  # each cell may repeat a long text that stands in the file once
-# Times with a usual step of at least so much are counted in so many parts of a second: a camera
-# takes 0.2 to 200 frames in one.
-PARTS = ((5e6, 1e9), (5e3, 1e6), (5.0, 1e3))
 
 
 def detect(path: Path) -> bool:
@@ -86,20 +81,16 @@ def read(path: Path, options: ReadOptions) -> Recording:
         return row
 
     bad = BadRows(options.on_bad_row)
-    if table.suffix.lower() != ".parquet":
-        records: Iterator[tuple[str, Mapping[str, Any]]] = read_csv(
-            table, list(columns.values()), bad
-        )
-    else:
+    if table.suffix.lower() == ".parquet":
         records = _parquet_rows(table, columns)
+    else:
+        records = read_csv(table, list(columns.values()), bad)
     rows = collect(records, parse, bad)
     if "speed_mps" in rows:
         rows["speed_mps"] = [MPS_PER[options.speed_unit] * speed for speed in rows["speed_mps"]]
     if "time_s" in rows:
-        step = np.median(np.diff(np.unique(rows["time_s"]), prepend=min(rows["time_s"])))
-        parts = next((parts for least, parts in PARTS if step >= least), 1.0)
-        rows["time_s"] = [time / parts for time in rows["time_s"]]
-    return labelled_recording(folder, rows, UNIT, options, bad, is_stated=False)
+        rows["time_s"] = in_seconds(rows["time_s"])
+    return labelled_recording(folder, rows, SteeringUnit(), options, bad, is_stated=False)
 
 
 def _find_table(path: Path) -> Path:

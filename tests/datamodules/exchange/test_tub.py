@@ -122,6 +122,23 @@ def test_no_window_reaches_over_a_record_that_is_left_out(is_old: bool, tmp_path
     assert missing_rows(recording).tolist() == [False, False, True, False, False]
 
 
+@pytest.mark.parametrize(("unit_ms", "step_s"), [(1, 0.05), (1, 5.0), (1000, 0.05)])
+def test_a_tubs_times_in_seconds_are_known_by_their_steps(
+    unit_ms: int, step_s: float, tmp_path: Path
+) -> None:
+    times = [1_600_000_000_000 / unit_ms + row * step_s * 1000 / unit_ms for row in range(6)]
+    records = [record(row, _timestamp_ms=time) for row, time in enumerate(times)]
+    recording = read_recordings(str(write_tub(tmp_path / "tub", records)))
+    assert recording.time_s == pytest.approx(1.6e9 + step_s * np.arange(6), abs=1e-3)
+
+
+def test_records_without_a_time_are_counted(tmp_path: Path) -> None:
+    records = [record(number) for number in range(4)]
+    del records[2]["_timestamp_ms"]
+    (note, _) = read_recordings(str(write_tub(tmp_path / "tub", records))).notes
+    assert note.endswith("1 record without a time: 20 a second are assumed")
+
+
 def test_what_is_no_image_is_left_out_and_counted(tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(0), record(1), record(2)])
     (tmp_path / "secret.txt").write_text("not an image")

@@ -14,6 +14,7 @@ from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import collect, decimal, labelled_recording, read_csv
 from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
+from datamodules.stretches import in_seconds
 from zoo.base.rig import Camera, single_camera_rig
 from zoo.extras.formats.video_frames import video_images
 
@@ -52,12 +53,13 @@ def read(path: Path, options: ReadOptions) -> Recording:
         throttle = {"throttle": decimal(fields, "throttle")} if "throttle" in fields else {}
         return throttle | {
             "steering": decimal(fields, "wheel"),
-            "time_s": decimal(fields, clock) / 1000,  # milliseconds, also those of `ts_micro`
+            "time_s": decimal(fields, clock),  # mostly milliseconds, also those of `ts_micro`
             "center": image(int(frame) - 1),
         }
 
     bad = BadRows(options.on_bad_row)
     rows = collect(read_csv(path / KEYS, (clock, "frame", "wheel"), bad), parse, bad)
+    rows["time_s"] = in_seconds(rows.get("time_s", []), most=1e6)
     if max(map(abs, rows.get("throttle", [])), default=0) > 1:
         rows["throttle"] = [percent / 100 for percent in rows["throttle"]]
     return labelled_recording(path, rows, UNIT, options, bad, rig=RIG)

@@ -118,6 +118,13 @@ def test_50_milliseconds_without_a_leading_zero_are_not_half_a_second(tmp_path: 
     assert np.diff(times) == pytest.approx(np.full(ROWS - 1, 0.05), abs=1e-6)
 
 
+def test_a_deeppicars_microseconds_are_known_by_their_steps(tmp_path: Path) -> None:
+    folder = deeppicar(tmp_path / "recording")
+    times, log = read(folder).time_s, folder / "out-key.csv"
+    log.write_text(re.sub(r"(?m)^\d+", r"\g<0>000", log.read_text()))
+    assert (read(folder).time_s == times).all()
+
+
 @pytest.mark.parametrize("full", [1, 100])
 def test_a_later_deeppicar_has_another_clock_name_and_throttle(full: float, tmp_path: Path) -> None:
     folder = deeppicar(tmp_path / "recording")
