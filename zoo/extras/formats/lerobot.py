@@ -39,6 +39,7 @@ from zoo.extras.formats.lerobot_features import (
     OLD_DATA_PATH,
     OLD_EPISODES,
     OLD_VIDEO_PATH,
+    ROBOT,
     TIME,
     VERSION,
     VIDEO_PATH,
@@ -106,8 +107,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
         {},
         places=np.array([f"{file}, row {row + 1}" for file, row in rows], object),
         notes=tuple(_notes(meaning, options.speed_unit)),
-        # The key is that of drivezoo's own datasets; the rig of others is unknown.
-        rig=UDACITY if meaning.roles["steering"].key == "steering" else None,
+        # The rig of other programs' datasets is unknown.
+        rig=UDACITY if info.get("robot_type") == ROBOT else None,
     )
     bad = BadRows(options.on_bad_row)
     if fault := _size_fault(path, info, Counter(episode.tolist())):

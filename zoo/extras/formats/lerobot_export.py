@@ -27,6 +27,7 @@ from zoo.extras.formats.lerobot_features import (
     DATA_PATH,
     EPISODES,
     INFO,
+    ROBOT,
     TIME,
     VERSION,
     VIDEO_PATH,
@@ -317,7 +318,7 @@ def _info(
         }
     return {
         "codebase_version": VERSION,
-        "robot_type": "drivezoo",
+        "robot_type": ROBOT,
         "total_episodes": episodes,
         "total_frames": len(columns["index"]),
         "total_tasks": 1,

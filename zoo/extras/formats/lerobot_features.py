@@ -28,6 +28,7 @@ _UNITS = {
     "mps": re.compile(r"mps|m/s|ms-1", re.IGNORECASE),
 }
 VERSION = "v3.0"
+ROBOT = "drivezoo"  # robot_type of drivezoo's own datasets
 INFO = "meta/info.json"
 EPISODES = "meta/episodes"
 OLD_EPISODES = "meta/episodes.jsonl"  # of versions 2.0 and 2.1
