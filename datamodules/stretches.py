@@ -1,7 +1,7 @@
 """Stretches and drives of a recording without a pause, and how steering returns in them."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -97,13 +97,14 @@ def steering_returns(recording: Recording, first: np.ndarray, length: int) -> np
 
 
 def continuous_drives(recording: Recording, most: int | None = None) -> list[range]:
-    """Return the rows between pauses, in order.
+    """Return the rows between pauses, in order; without times, between missing rows.
 
     Args:
         recording: recording whose rows are numbered.
         most: largest number of rows in a drive; a longer one is cut.
     """
-    borders, length = np.flatnonzero(find_breaks(recording)) + 1, most or len(recording)
+    timed = replace(recording, time_s=complete_times(recording))
+    borders, length = np.flatnonzero(find_breaks(timed)) + 1, most or len(recording)
     return [
         range(start, min(start + length, stop))
         for first, stop in itertools.pairwise([0, *borders.tolist(), len(recording)])
@@ -141,8 +142,7 @@ def times_of_drives(drive: np.ndarray, since_start_s: np.ndarray) -> np.ndarray:
         drive: number of each row's drive, int [N].
         since_start_s: seconds since the drive's first row, float64 [N].
     """
-    times = np.empty(len(drive))
-    start = FIRST_S
+    times, start = np.empty(len(drive)), FIRST_S
     for part in np.split(np.arange(len(drive)), np.flatnonzero(np.diff(drive)) + 1):
         times[part] = start + since_start_s[part]
         start = times[part].max(initial=start) + PAUSE_S

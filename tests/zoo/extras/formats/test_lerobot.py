@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -25,6 +26,7 @@ from tests.zoo.command_runs import run_here
 from tests.zoo.commands.test_convert import check_rows_and_size
 from tests.zoo.extras.formats.rare_recordings import described_images
 from zoo.base.errors import InputError, UsageError
+from zoo.base.rig import UDACITY
 from zoo.commands.convert import convert
 from zoo.extras.formats.lerobot import read
 from zoo.extras.formats.lerobot_features import Meaning, find_meaning
@@ -145,6 +147,20 @@ def test_long_drives_are_cut_and_come_back(tmp_path: Path, monkeypatch: pytest.M
     assert np.flatnonzero(find_breaks(again)).tolist() == [19]
     before, after = (log.image(33).astype(float) for log in (source, again))
     assert np.abs(after - before).mean() < 3
+
+
+def test_no_episode_reaches_over_rows_that_a_recording_without_times_lacks(
+    source: Recording, tmp_path: Path
+) -> None:
+    timeless = replace(source, time_s=np.full(len(source), np.nan))
+    assert write_as("lerobot", timeless, tmp_path / "copy").drives == 2
+    assert np.flatnonzero(find_breaks(read_recordings(str(tmp_path / "copy")))).tolist() == [19]
+
+
+def test_only_drivezoos_own_datasets_are_of_udacitys_car(copy: Path) -> None:
+    assert read_recordings(str(copy)).rig == UDACITY
+    _info(copy, robot_type="my_robot")
+    assert read_recordings(str(copy)).rig is None
 
 
 def write_foreign(folder: Path, steering: str = "steering wheel", png: bool = False) -> Path:
