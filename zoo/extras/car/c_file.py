@@ -97,6 +97,7 @@ def c_source(checkpoint: Checkpoint, name: str, weights: str) -> str:
         f"float {name}(const uint8_t *rgb, int width, int height, float speed_mph)",
         "{",
         f"    if (!rgb || width != {upper}_WIDTH || height != {upper}_HEIGHT{unknown}) {{",
+        *["        throttle = not_a_number();"] * len(throttle),
         "        return not_a_number();",
         "    }",
         "    view(rgb, work);",

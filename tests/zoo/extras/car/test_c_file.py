@@ -188,6 +188,13 @@ def test_a_frame_of_another_size_is_nan(tmp_path: Path) -> None:
     assert math.isfinite(policy(np.zeros((160, 320, 3), np.uint8), 9.0).steering)
 
 
+def test_a_steering_of_nan_has_no_throttle_of_the_frame_before(tmp_path: Path) -> None:
+    policy = compiled(checkpoint_of("nvidia_speed", "model.width=0.1"), tmp_path)
+    frame = np.zeros((160, 320, 3), np.uint8)
+    assert math.isfinite(policy(frame, 9.0).throttle)
+    assert math.isnan(policy(frame, math.nan).throttle)
+
+
 @pytest.mark.parametrize(
     ("keys", "words"),
     [

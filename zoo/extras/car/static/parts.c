@@ -375,5 +375,5 @@ THROTTLE#ifdef __cplusplus
 #endif
 
 /* part: header throttle */
-/* Return the throttle that belongs to the last steering, from -1 (brake) to 1. */
+/* Return the throttle that belongs to the last steering, from -1 (brake) to 1, or NaN. */
 float ${name}_throttle(void);
