@@ -16,6 +16,7 @@ from datamodules.driving_log import (
     IMAGE,
     BadRows,
     forget_half_written,
+    printable_path,
     read_fields,
     replace_undecoded,
     without_empty,
@@ -49,14 +50,15 @@ def collect(
 
     Args:
         records: place, which ends with the row's number, and content of each row.
-        parse: function from a row's content to its values; it raises ValueError for a bad row.
+        parse: function from a row's content to its values; it raises InputError or ValueError
+            for a bad row.
         bad: collector of bad rows.
     """
     rows: Rows = {"place": [], "line": [], "steering": [], "center": []}
     for source, content in records:
         try:
             values = parse(content)
-        except ValueError as error:
+        except (InputError, ValueError) as error:
             bad.faults.append(f"{source}: {error}")
             continue
         for name, value in values.items():
@@ -163,9 +165,8 @@ def _check_range(
     # Of few rows, these leave out the largest and the smallest: one bad row is not the unit's.
     low = np.percentile(steering, 1, method="higher")
     high = np.percentile(steering, 99, method="lower")
-    middle = np.median(steering)
     fits = max(-low, high) <= 1
-    is_centred = abs(middle) <= MOST_ASIDE and (is_stated or low <= 0 <= high)
+    is_centred = abs(np.median(steering)) <= MOST_ASIDE and (is_stated or low <= 0 <= high)
     if fits and (is_centred or is_said):
         return
     fault = f"not {unit.words()}; name what they are,"
@@ -294,9 +295,9 @@ def inside(folder: Path, name: str) -> str:
     last parts may lead to the file: see `image_finder`.
 
     Raises:
-        ValueError: the name leads out of the folder.
+        ValueError: the name leads out of the folder, or is not UTF-8.
     """
-    local = re.sub(r"^[A-Za-z]:[\\/]", "", name)
+    local = re.sub(r"^[A-Za-z]:[\\/]", "", printable_path(name))
     parts = [part for part in re.split(r"[\\/]", local) if part not in ("", ".")]
     if not parts or ".." in parts or ":" in local or "\0" in name:
         raise ValueError(f"the image {name!r:.80} is no path within the folder")

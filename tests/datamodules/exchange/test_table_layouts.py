@@ -1,5 +1,6 @@
 """Tables as people have them: separators, headers, positions, paths of other machines."""
 
+import os
 import re
 from pathlib import Path
 
@@ -165,6 +166,17 @@ def test_an_absolute_path_of_this_machine_is_not_followed_out_of_the_folder(tmp_
 def test_a_missing_column_is_named(header: str, columns: dict, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=rf"labels\.csv, row 1: {words}"):
         read(write(tmp_path / "set", header), columns)
+
+
+def test_an_image_name_that_is_not_utf_8_makes_a_bad_row_as_in_a_log(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", HEADER)
+    (tmp_path / "set/IMG/3.jpg").rename(tmp_path / "set/IMG" / os.fsdecode(b"\xe4.jpg"))
+    table.write_bytes(table.read_bytes().replace(b"IMG/3.jpg", b"IMG/\xe4.jpg"))
+    with pytest.raises(InputError, match=r"labels\.csv, row 5: the image name .* is not UTF-8"):
+        read(table)
+    skipped = read(table, on_bad_row="skip")
+    assert len(skipped.bad_rows) == 1
+    assert skipped.fingerprint()
 
 
 @pytest.mark.parametrize("value", [[0], {"a": 0}, None, True, 0.5])
