@@ -13,14 +13,12 @@ from typing import Protocol, runtime_checkable
 
 from datamodules.format_options import Converted, Progress, ReadOptions, WriteOptions
 from datamodules.recording import Recording
-from zoo.base.entry_points import installed_entries, is_extra, load_entry
+from zoo.base.entry_points import installed_entries, is_extra, load_entry, named_entries
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.parts import format_parts, import_part
 
 GROUP = "drivezoo.formats"  # entry points of extras and of installed packages
-OWN = {
-    name: f"datamodules.formats.{name}" for name in ("udacity", "donkeycar", "challenge2", "table")
-}
+OWN = ("udacity", "donkeycar", "challenge2", "table")
 
 
 @runtime_checkable
@@ -67,8 +65,9 @@ class WritableFormat(Format, Protocol):
 @functools.cache
 def own_formats() -> dict[str, Format]:
     """Return drivezoo's formats by name: the core's, then those of extras."""
+    own = {name: f"datamodules.formats.{name}" for name in OWN}
     extras = {entry.name: entry.value for entry in installed_entries(GROUP) if is_extra(entry)}
-    return {name: importlib.import_module(module) for name, module in (OWN | extras).items()}
+    return {name: importlib.import_module(module) for name, module in (own | extras).items()}
 
 
 def outside_formats() -> Iterator[tuple[str, Format]]:
@@ -81,7 +80,7 @@ def outside_formats() -> Iterator[tuple[str, Format]]:
         module = import_part(part, part.module)
         if isinstance(module, Format):
             yield part.module.rpartition(".")[2], module
-    for entry in installed_entries(GROUP):
+    for entry in named_entries(GROUP, OWN).values():
         if not is_extra(entry):
             yield entry.name, load_entry(entry, Format)
 
@@ -96,8 +95,7 @@ def formats() -> dict[str, Format]:
 
 def writable_formats() -> dict[str, WritableFormat]:
     """Return the formats that can be written by name; see `formats`."""
-    named = formats().items()
-    return {name: source for name, source in named if isinstance(source, WritableFormat)}
+    return {name: each for name, each in formats().items() if isinstance(each, WritableFormat)}
 
 
 def known_format(path: Path, name: str | None = None) -> tuple[str, Format] | None:

@@ -1,5 +1,6 @@
 """What an entry point of another package must name, and what a broken one may not break."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,6 +41,26 @@ def test_what_is_of_another_kind_is_named(group: str, tmp_path: Path) -> None:
         USES[group]()
 
 
+@pytest.mark.parametrize(
+    ("group", "name"), [("formats", "table"), ("formats", "lerobot"), ("exports", "c")]
+)
+def test_a_name_of_ours_is_not_anothers(
+    group: str,
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    package = f"hidden_{group}_{name}"
+    write_package(tmp_path, package, "number = 5", f"[drivezoo.{group}]\n{name} = {package}\n")
+    before = USES[group]() if group == "formats" else list(exports(name))
+    monkeypatch.syspath_prepend(tmp_path)  # Python finds the package first
+    for _ in range(2):
+        assert (USES[group]() if group == "formats" else list(exports(name))) == before
+    line = rf"{package}: the {group[:-1]} {name} is not used: .* has that name; rename it\n"
+    assert re.fullmatch(line, capsys.readouterr().err)
+
+
 def test_a_broken_one_leaves_the_commands_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -68,9 +89,8 @@ ours = Ours()
 """
     write_package(tmp_path, "broken_asks", code, entries)
     (tmp_path / name).write_text('{"version": 1, "suite": "v1"}')
-    (tmp_path / "rollouts.csv").write_text("policy,success\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(tmp_path)
         assert comparison_of([tmp_path / name, tmp_path / name]) is compare
         with pytest.raises(TypeError, match="no file of ours"):
-            comparison_of([tmp_path / name, tmp_path / "rollouts.csv"])
+            comparison_of([tmp_path / name, tmp_path / "broken_asks-1.dist-info"])

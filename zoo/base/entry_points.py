@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +18,7 @@ EXTRAS = "zoo.extras."
 
 
 def installed_entries(group: str) -> list[EntryPoint]:
-    """Return a group's entry points of installed packages, without those of deleted extras.
+    """Return a group's entry points of extras, then of packages; without those of deleted extras.
 
     Args:
         group: group of the entry points; `drivezoo.` for all.
@@ -33,12 +34,27 @@ def installed_entries(group: str) -> list[EntryPoint]:
         for entry in package.entry_points
         if entry.group.startswith(group) and (not is_extra(entry) or file_of(entry.value).is_file())
     }
-    return list(entries.values())
+    return sorted(entries.values(), key=is_extra, reverse=True)
 
 
-def named_entries(group: str) -> dict[str, EntryPoint]:
-    """Return a group's entry points by name; an extra's replaces that of another package."""
-    return {entry.name: entry for entry in sorted(installed_entries(group), key=is_extra)}
+def named_entries(group: str, own: Iterable[str] = ()) -> dict[str, EntryPoint]:
+    """Return a group's entry points by name; print a line for each whose name is taken.
+
+    Args:
+        group: group of the entry points.
+        own: names that the core has itself.
+    """
+    named: dict[str, EntryPoint] = {}
+    for entry in installed_entries(group):
+        used = "drivezoo's" if entry.name in own else named.setdefault(entry.name, entry).value
+        if used != entry.value:
+            _print_unused(f"{entry.value}: the {_kind(group)} {entry.name}", used)
+    return named
+
+
+@functools.cache  # a line for each process
+def _print_unused(what: str, used: str) -> None:
+    print(f"{what} is not used: {used} has that name; rename it", file=sys.stderr)
 
 
 def load_entry(entry: EntryPoint, kind: Any) -> Any:

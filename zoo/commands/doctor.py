@@ -149,8 +149,7 @@ def next_step(
         words = next_drive(checkpoint, data, ["evaluate", checkpoint])
         return command_line(["drivezoo", *map(str, words)]), "let it drive"
     if recording is not None:
-        check = ["drivezoo", "check", recording]
-        return command_line(check), "what it teaches badly"
+        return command_line(["drivezoo", "check", recording]), "what it teaches badly"
     return "drivezoo demo", "record, train and drive a demo"
 
 

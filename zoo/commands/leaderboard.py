@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.command import command
-from zoo.base.entry_points import installed_entries, is_extra, load_entry
+from zoo.base.entry_points import installed_entries, load_entry
 from zoo.base.errors import InputError, UsageError
 from zoo.base.output_files import OUTPUTS
 from zoo.base.terminal import command_line, counted
@@ -81,11 +81,10 @@ def paper_writers(out: str | Path) -> list["PaperWriter"]:
         UsageError: there is none.
         InputError: a package's function cannot be imported.
     """
-    entries = sorted(installed_entries(PAPERS), key=is_extra, reverse=True)  # ours makes the folder
-    writers = [load_entry(entry, Callable) for entry in entries]
-    if not writers:
-        raise UsageError(f"paper={out}: nothing that is installed writes papers; leave it out")
-    return writers
+    # Ours comes first, and makes the folder.
+    if writers := [load_entry(entry, Callable) for entry in installed_entries(PAPERS)]:
+        return writers
+    raise UsageError(f"paper={out}: nothing that is installed writes papers; leave it out")
 
 
 if __name__ == "__main__":

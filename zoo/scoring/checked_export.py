@@ -106,9 +106,8 @@ def export_checkpoint(
     ]
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    following = next_drive(out, checkpoint.data, ["drive", out])
-    written = [out.with_suffix(suffix) for suffix in files]
-    print_written(written, following if kind.drives else [], console)
+    following = next_drive(out, checkpoint.data, ["drive", out]) if kind.drives else []
+    print_written([out.with_suffix(suffix) for suffix in files], following, console)
     return out
 
 
@@ -136,8 +135,7 @@ def _checked_out(
     kind.check_name(out)
     for ending in kind.beside:
         check_output(out.with_suffix(ending), inputs=[path])
-    missing = [package for package in kind.packages if not importlib.util.find_spec(package)]
-    if missing:
+    if missing := [package for package in kind.packages if not importlib.util.find_spec(package)]:
         raise InputError(f"exporting needs {' and '.join(missing)}: {kind.install}")
     return kind, out
 

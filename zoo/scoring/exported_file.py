@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zoo.base.entry_points import installed_entries, load_entry
+from zoo.base.entry_points import load_entry, named_entries
 from zoo.checkpoints.onnx_policy import INSTALL, SUFFIX, TOLERANCE, OnnxPolicy
 
 # torch, a slow import, comes late: --help and typos answer at once.
@@ -126,8 +126,7 @@ OWN: dict[str, type[ExportedFile]] = {"onnx": OnnxFile}
 
 def export_names() -> list[str]:
     """Return the names of all kinds, as in `to=NAME`; nothing is imported."""
-    names = [entry.name for entry in installed_entries(GROUP) if "." not in entry.name]
-    return list(dict.fromkeys([*OWN, *names]))
+    return [name for name in {**OWN, **named_entries(GROUP)} if "." not in name]
 
 
 def exports(
@@ -142,9 +141,10 @@ def exports(
     Raises:
         InputError: a kind of a package cannot be imported.
     """
+    entries = named_entries(GROUP, OWN).values()
     if weights == FLOAT:
         yield from (pair for pair in OWN.items() if to in (None, pair[0]))
-    for entry in installed_entries(GROUP):
+    for entry in entries:
         name, _, its = entry.name.partition(".")
-        if to in (None, name) and weights == (its or FLOAT) and entry.name not in OWN:
+        if to in (None, name) and weights == (its or FLOAT):
             yield name, load_entry(entry, ExportedFile)
