@@ -65,12 +65,12 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
     model = onnx.load_from_string(graph or graph_bytes(checkpoint))
     texts = {CARD: json.dumps(card)} | ({MODEL_CARD: model_card} if model_card else {})
     onnx.helper.set_model_props(model, texts)
-    model.doc_string = _how_to_feed(checkpoint)
+    model.doc_string = _how_to_feed(checkpoint, [item.name for item in model.graph.input])
     onnx.checker.check_model(model)
     return model.SerializeToString()
 
 
-def _how_to_feed(checkpoint: "Checkpoint") -> str:
+def _how_to_feed(checkpoint: "Checkpoint", inputs: list[str]) -> str:
     """Describe inputs and outputs for other programs that run the file."""
     from zoo.models.network_facts import facts_of
 
@@ -81,11 +81,11 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     steps = steps[::-1] if view.resize.endswith("_first") else steps
     speed = f", and {SPEED}: mph, float32 [batch]" if facts.takes_speed else ""
     throttle = " and throttle" if facts.outputs > 1 else ""
-    state = f", and {STATE}...: 0 at a start, then the {NEXT}... of the frame before"
-    state = state if facts.window else ""
+    back = facts.window.stride if facts.window else 1
+    state = f", and {STATE}...: 0 at a start, then the {NEXT}... of the frame {back} before it"
+    state = state if f"{STATE}0" in inputs else ""
     rows = ", for now and each step ahead" if facts.window and facts.window.ahead else ""
-    spread = ", and the logarithm of the steering's standard deviation"
-    spread = spread if facts.predicts_spread else ""
+    spread = ", and the logarithm of the steering's standard deviation" * facts.predicts_spread
     scale = checkpoint.data.get(CURVATURE)
     steering = f"curvature of the path in {scale:.6g} 1/m, right positive" if scale else "steering"
     return (

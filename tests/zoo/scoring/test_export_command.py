@@ -21,6 +21,7 @@ from tests.zoo.command_runs import run_here
 from tests.zoo.models.test_models_command import build
 from tests.zoo.page_requests import ask
 from tests.zoo.server.serve import picture, served
+from tests.zoo.written_checkpoints import checkpoint_of
 from zoo.base.compose import choices
 from zoo.base.errors import InputError
 from zoo.checkpoints import onnx_file
@@ -142,6 +143,18 @@ def test_the_file_keeps_the_view_and_the_scale(
     assert {*COLOURS} == {*CONVERSIONS}
     assert COLOURS[colour] in text
     assert (text.index("resized") < text.index(COLOURS[colour])) == resize.endswith("_first")
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (["cnn_gru", "model.stride=2"], "the next_... of the frame 2 before it"),
+        (["action_chunk"], "(OpenCV's INTER_AREA) -> controls"),
+    ],
+)
+def test_a_file_says_which_state_it_takes(keys: list[str], words: str, tmp_path: Path) -> None:
+    (tmp_path / "model.onnx").write_bytes(onnx_bytes(checkpoint_of(*keys)))
+    assert words in onnx.load(tmp_path / "model.onnx").doc_string
 
 
 def test_a_file_that_steers_differently_is_removed(
