@@ -117,6 +117,12 @@ def test_the_recipes_with_fewer_quick_samples_are_named() -> None:
     assert set(re.findall(r"`(\w+)`", line.partition("3,200")[2])) == fewer
 
 
+def test_the_page_of_recipes_lists_each_recipe_once() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "recipes.md").read_text()
+    table = page.partition("| recipe |")[2].partition("\n\n")[0]
+    assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.M)) == sorted(choices("experiment"))
+
+
 def test_the_choices_are_found_on_the_page() -> None:
     groups = {group for group, _ in named_choices()}
     assert groups >= {"augment", "data", "loss", "model", "schedule", "trainer"}
