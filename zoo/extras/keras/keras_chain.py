@@ -69,15 +69,20 @@ class Chain:
             )
 
     def _normalizes_pixels(self) -> bool:
-        """Return whether the input is normalized first, with the means of 0..255."""
+        """Return whether the input is normalized or scaled first, from values of 0..255."""
+        before = (*BEFORE_SCALE, "ZeroPadding2D")  # of 0, which is another value after a scale
         pairs = zip(self.specs, self.owners, strict=True)
-        later = (owner for spec, owner in pairs if spec["layer"] not in BEFORE_SCALE)
-        layer = self.model.layers[next(later, 0)]
+        later = (pair for pair in pairs if pair[0]["layer"] not in before)
+        spec, owner = next(later, ({"layer": ""}, 0))
+        layer = self.model.layers[owner]
         kind = plain_kind(layer.kind)
         if kind == "Normalization":
             mean, _ = _moments(layer)
         elif kind == "BatchNormalization" and layer.arrays:
             mean = layer.arrays[-2] if len(layer.arrays) > 1 else layer.arrays[0]
+        elif spec["layer"] == "Rescaling":
+            factor = spec.get("scale")  # of x - 0.5 it is 1
+            return isinstance(factor, int | float) and abs(factor) < 1 / LEAST_PIXELS
         else:
             return False
         return bool(mean.size and mean.min() > LEAST_PIXELS and mean.max() < 255)

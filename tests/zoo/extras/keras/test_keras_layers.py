@@ -357,6 +357,12 @@ def test_a_scale_after_a_padding_stays_there(tmp_path: Path) -> None:
     converted = convert(read(tmp_path, [pad, SCALE, CONV, REST[1], dense]), scale=[1, 0])
     wanted = expected([pad, rescaling, CONV, REST[1], dense], 1, 0)
     np.testing.assert_allclose(predict(converted), wanted, atol=1e-5)
+    for layer, scale in (
+        (SCALE, (1.0, 0.0)),
+        (("Rescaling", {"scale": 1, "offset": -0.5}, []), None),
+    ):
+        # x - 0.5 follows an x / 255 in the user's program.
+        assert convert(read(tmp_path, [pad, layer, CONV, REST[1], dense])).scale == scale
 
 
 def test_two_scales_are_one_and_half_of_a_scale_is_none(tmp_path: Path) -> None:
