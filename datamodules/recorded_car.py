@@ -13,27 +13,24 @@ from zoo.base.rig_file import write_rig
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
 
 
-def write_car(
-    folder: Path, recording: Recording, source: str = "another_car", keeps_size: bool = True
-) -> None:
+def write_car(folder: Path, recording: Recording, source: str = "another_car") -> None:
     """Write beside a copy of a recording that its car is not Udacity's, and the rig if it is known.
 
     Args:
         folder: folder of the copy, whose format may be that of Udacity's car.
         recording: recording that was copied.
         source: its format, unless it is a copy, too.
-        keeps_size: whether the images have the rig's size, without which it is of another camera.
     """
-    write_rig_of(folder, recording.rig, read_source(recording.names) or source, keeps_size)
+    write_rig_of(folder, recording.rig, read_source(recording.names) or source)
 
 
-def write_rig_of(folder: Path, rig: Rig | None, source: str, keeps_size: bool = True) -> None:
+def write_rig_of(folder: Path, rig: Rig | None, source: str) -> None:
     """Write the car or format of a log's frames, and the rig if it is known, if not Udacity's."""
     if rig == UDACITY:
         return
     text = f'{{"version": 1, "format": "{source}"}}\n'
     (folder / SOURCE_NAME).write_text(text, encoding="utf-8")
-    if rig and keeps_size:
+    if rig:
         write_rig(folder, rig)
 
 

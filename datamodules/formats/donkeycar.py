@@ -270,7 +270,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         lines = []
         for row in reported(range(len(kept)), progress):
             target = part / IMAGES / f"{row}_{IMAGE.replace('/', '_')}_"
-            image = put_image(kept.images[row, 0], target, kept.place(row))
+            image = put_image(kept.images[row, 0], target, kept.place(row), quality=options.quality)
             exact = {key: float(getattr(kept, name)[row]) for name, key in EXACT.items()}
             record = {
                 IMAGE: image.removeprefix(f"{IMAGES}/"),

@@ -68,7 +68,7 @@ def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recor
 def chosen_recording(
     recording: Recording, options: WriteOptions
 ) -> tuple[Recording, tuple[str, ...]]:
-    """Return the rows of `keep` with images of `size`, and a line on each change of the copy.
+    """Return the rows of `keep` with images of `size`, padded for `fit`, and a line on each change.
 
     Raises:
         InputError: no row has whole images.
@@ -79,17 +79,17 @@ def chosen_recording(
         kept = typed_edits(len(recording), keep_text=options.keep).kept()
         notes.append(f"{int(kept.sum()):,} of {len(recording):,} rows kept: {options.keep}")
         recording = recording.keep(kept)
-    if options.size is not None:
+    if options.size is not None or options.fit == "pad":
         recording, faults = whole_rows(recording)
         notes += left_out_note(faults, "an image is damaged")
         images = recording.images.copy()
         for place, image in np.ndenumerate(images):
             if image:
-                images[place] = _resized(image, options.size)
+                images[place] = _changed(image, options)
         # The camera of images in another shape is another one.
         recording = replace(recording, images=images, rig=None, rigs=())
-        height, width = options.size
-        notes.append(f"images resized to {width} x {height}: the car's rig is not written")
+        how = "padded" if options.size is None else "resized to {1} x {0}".format(*options.size)
+        notes.append(f"images {how}: the car's rig is not written")
     if np.isnan(recording.time_s).any():
         notes.append("times are missing: the copy's are made up, evenly spaced in the rows' order")
     return recording, tuple(notes)
@@ -180,13 +180,29 @@ def free_name(path: Path) -> Path:
     return free
 
 
-def _resized(image: AnyImage, size: tuple[int, int]) -> StoredImage:
+def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
+    """Return an image with black bars that make it twice as wide as high.
+
+    >>> pad_to_two_by_one(np.zeros((120, 160, 3), np.uint8)).shape
+    (120, 240, 3)
+    """
+    height, width = image.shape[:2]
+    rows, columns = max(height, -(-width // 2)), max(width, 2 * height)
+    top, left = (rows - height) // 2, (columns - width) // 2
+    around = ((top, rows - height - top), (left, columns - width - left), (0, 0))
+    return np.pad(image, around)
+
+
+def _changed(image: AnyImage, options: WriteOptions) -> StoredImage:
     if isinstance(image, StoredImage):
         file, number = image.file, image.number
     else:
         file, number = str(image), 0
-    return StoredImage(file, number, partial(_resized_pixels, image, size))
+    return StoredImage(file, number, partial(_changed_pixels, image, options))
 
 
-def _resized_pixels(image: AnyImage, size: tuple[int, int], *_: object) -> np.ndarray:
-    return cv2.resize(read_image(image), size[::-1], interpolation=cv2.INTER_AREA)
+def _changed_pixels(image: AnyImage, options: WriteOptions, *_: object) -> np.ndarray:
+    pixels = read_image(image)
+    if options.size:
+        pixels = cv2.resize(pixels, options.size[::-1], interpolation=cv2.INTER_AREA)
+    return pad_to_two_by_one(pixels) if options.fit == "pad" else pixels

@@ -89,7 +89,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
 def write(recording: Recording, out: Path, options: WriteOptions, progress: Progress) -> Converted:
     """Write a recording's rows as a log with images.
 
-    Image files are linked or copied as they are, unless they are padded.
+    Image files are linked or copied as they are.
 
     Raises:
         InputError: an image cannot be read, `out` exists, or the disk is full.
@@ -98,16 +98,15 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     recording = replace(recording, time_s=complete_times(recording))
     stems = image_stems(recording.time_s)
     written = np.full(recording.images.shape, "", object)
-    change = pad_to_two_by_one if options.fit == "pad" else None
     with whole_folder(out) as part:
         (part / IMAGE_FOLDER).mkdir()
         for row, camera in reported(_reading_order(recording), progress):
             target = part / IMAGE_FOLDER / f"{CAMERAS[camera]}_{stems[row]}"
             image, source = recording.images[row, camera], recording.place(row)
-            written[row, camera] = put_image(image, target, source, change, options.quality)
+            written[row, camera] = put_image(image, target, source, quality=options.quality)
         columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
         write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
-        write_car(part, recording, recording.format, keeps_size=change is None)
+        write_car(part, recording, recording.format)
     notes = [
         *left_out_note(recording.bad_rows, "they cannot be read"),
         *left_out_note([*recording.bad_images, *left_out], "their image is damaged or missing"),
@@ -115,19 +114,6 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
     ]
     drives = 1 + int(find_breaks(recording).sum())
     return Converted(out, len(recording), drives, tuple(notes))
-
-
-def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
-    """Return an image with black bars that make it twice as wide as high.
-
-    >>> pad_to_two_by_one(np.zeros((120, 160, 3), np.uint8)).shape
-    (120, 240, 3)
-    """
-    height, width = image.shape[:2]
-    rows, columns = max(height, -(-width // 2)), max(width, 2 * height)
-    top, left = (rows - height) // 2, (columns - width) // 2
-    around = ((top, rows - height - top), (left, columns - width - left), (0, 0))
-    return np.pad(image, around)
 
 
 def _reading_order(recording: Recording) -> list[tuple[int, int]]:

@@ -18,6 +18,7 @@ from datamodules.stretches import find_breaks, missing_rows
 from tests.recordings import Written, convert_to_recording, write_as
 from tests.refusals import refusal
 from zoo.base.errors import InputError
+from zoo.commands.convert import convert
 
 
 @pytest.fixture(scope="module")
@@ -151,11 +152,17 @@ def test_what_is_no_image_is_left_out_and_counted(tmp_path: Path) -> None:
     assert "catalog_0.catalog, row 2" in result.notes[0]
 
 
-def test_padding_keeps_the_shape_of_an_odd_size(tmp_path: Path) -> None:
+@pytest.mark.parametrize("to", ["udacity", "donkeycar"])
+def test_padding_keeps_the_shape_of_an_odd_size(to: str, tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(0), record(9)])
     cv2.imwrite(str(tub / "images" / "9_cam_image_array_.jpg"), np.full((120, 160, 3), 180))
     convert_to_recording(tub, tmp_path / "kept")
-    convert_to_recording(tub, tmp_path / "padded", fit="pad")
+    convert(
+        str(tub if to == "udacity" else tmp_path / "kept"),
+        to=to,
+        out=tmp_path / "padded",
+        fit="pad",
+    )
     odd, padded = (read_recordings(str(tmp_path / fit)).images[1, 0] for fit in ("kept", "padded"))
     assert cv2.imread(odd).shape == (120, 160, 3)
     assert cv2.imread(padded).shape == (120, 240, 3)
