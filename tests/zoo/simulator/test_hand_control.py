@@ -1,8 +1,13 @@
 """From keys, mouse and gamepad to steering and throttle."""
 
+import time
+from pathlib import Path
+
 import pytest
 
+from tests.zoo.server.browser import Browser, needs_chromium
 from zoo.simulator.hand_control import HandControl, Hands
+from zoo.simulator.hand_page import served_seat
 
 STEP_S = 0.02
 
@@ -90,3 +95,23 @@ def test_cruising_holds_the_throttle_until_braking(brake):
     assert after(5, Hands({"a"}), control).throttle == pytest.approx(0.4)
     assert after(STEP_S, brake, control).throttle < 0
     assert after(1, Hands(), control).throttle == 0
+
+
+@needs_chromium
+def test_a_second_page_takes_the_wheel_with_its_first_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines: list[str] = []
+    with served_seat(lines.append) as seat, Browser(tmp_path, 800, 600) as browser:
+        taken: list[Hands] = []
+        monkeypatch.setattr(seat, "take", lambda name, value: taken.append(value))
+        url = lines[0].split()[1]
+        browser.open(url)
+        browser.wait_for("document.querySelector('.stage') !== null")
+        for event in ("Event('blur')", "KeyboardEvent('keydown', {code: 'KeyD'})"):
+            browser.value(f"dispatchEvent(new {event})")
+        browser.open(url)  # lets go of the key
+        end = time.monotonic() + 15
+        while len(taken) < 2 and time.monotonic() < end:
+            time.sleep(0.05)
+        assert taken == [Hands(frozenset({"d"})), Hands()]

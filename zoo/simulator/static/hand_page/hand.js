@@ -78,6 +78,8 @@ export class HandView {
     addEventListener("keydown", (event) => this.key(event, true));
     addEventListener("keyup", (event) => this.key(event, false));
     addEventListener("blur", () => this.release());
+    const nothing = new Blob([JSON.stringify({ hands: {} })], { type: "application/json" });
+    addEventListener("pagehide", () => this.held.size && navigator.sendBeacon(`command${location.search}`, nothing));
     this.stage.onpointerdown = (event) => {
       this.stage.setPointerCapture(event.pointerId);
       this.point(event);
@@ -125,6 +127,7 @@ export class HandView {
   }
 
   release() {
+    if (!this.held.size) return; // a page in another browser may drive
     this.held.clear();
     this.send();
   }
