@@ -194,10 +194,7 @@ def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
 
 
 def _changed(image: AnyImage, options: WriteOptions) -> StoredImage:
-    if isinstance(image, StoredImage):
-        file, number = image.file, image.number
-    else:
-        file, number = str(image), 0
+    file, number = getattr(image, "file", str(image)), getattr(image, "number", 0)
     return StoredImage(file, number, partial(_changed_pixels, image, options))
 
 

@@ -120,9 +120,11 @@ def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_pa
     folder = shutil.copytree(recorded.folder, tmp_path / "my lap")
     (folder / "IMG" / recorded.image(4).name).unlink()
     process = start(tmp_path, "zoo.commands.edit", str(folder), "drop=11-20", "port=0")
-    lines = [process.stdout.readline() for _ in range(3)]
+    lines = [process.stdout.readline() for _ in range(4)]
     assert "skipped 1 row" in lines[1]
-    assert "open http://127.0.0.1:" in lines[2]
+    # The log's row 5 is not read.
+    assert lines[2] == f"the first edited row, 11, is {folder}/driving_log.csv, row 12\n"
+    assert "open http://127.0.0.1:" in lines[3]
     process.send_signal(signal.SIGINT)
     rest, _ = process.communicate(timeout=20)
     assert process.returncode == 0, rest
