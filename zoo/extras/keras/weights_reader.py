@@ -5,13 +5,18 @@ The module is an entry point of the group `drivezoo.weights`, see `zoo.checkpoin
 
 from __future__ import annotations
 
+from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from zoo.base.errors import InputError
 from zoo.extras.keras.network_kind import IMPORTED, describe_kind, network_kind
 
 if TYPE_CHECKING:
     from torch import nn  # a slow import, as those in the functions
+
+SAME = 1e-3  # largest difference of outputs that rounding explains
 
 
 def detect(path: Path) -> bool:
@@ -31,14 +36,26 @@ def load(network: nn.Module, path: Path) -> str:
     Raises:
         InputError: the file is damaged, or does not fit the network.
     """
+    import torch
+
     from zoo.checkpoints.checkpoint import check_fit
     from zoo.extras.keras.keras_file import read_keras_apart
     from zoo.extras.keras.keras_layers import convert
     from zoo.extras.keras.keras_weights import load_keras_weights
     from zoo.extras.keras.sequential import Sequential
+    from zoo.models.memory import frame_outputs
 
     if not isinstance(network, Sequential):
-        return load_keras_weights(network, path)
+        text = load_keras_weights(network, path)
+        # Passed over: weights alone, an unclear layer, another size of the input.
+        with suppress(InputError, RuntimeError), torch.random.fork_rng([]), torch.inference_mode():
+            file = convert(read_keras_apart(path))
+            images = torch.randint(0, 256, (8, file.input_shape[2], *file.input_shape[:2]))
+            outputs = frame_outputs(deepcopy(network).eval(), images, torch.zeros(8))
+            most = float((outputs - file.network.eval()(images)).abs().max())
+            if file.scale and most > SAME:
+                text += f"; its own layers, of scale {file.scale}, steer otherwise, by {most:.1g}"
+        return text
     model = read_keras_apart(path)
     state = convert(model, scale=network.scale).state
     fix = "set model.layers=null for the file's own layers"

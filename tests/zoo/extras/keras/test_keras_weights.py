@@ -13,7 +13,13 @@ import torch
 from datamodules.view import View
 from tests.refusals import refusal
 from tests.zoo.extras.keras import keras_reference
-from tests.zoo.extras.keras.keras_files import Layer, model_config, random_weights, write_groups
+from tests.zoo.extras.keras.keras_files import (
+    Layer,
+    model_config,
+    random_weights,
+    write_groups,
+    write_h5,
+)
 from tests.zoo.extras.keras.test_keras_layers import outputs
 from tests.zoo.models import test_models_command
 from zoo.base.compose import compose_config
@@ -204,6 +210,31 @@ def test_what_to_set_follows_from_the_layer(
     path = write_keras(tmp_path / "model.h5", random_layers(kernels))
     with pytest.raises(InputError, match=f"layer {layer + 1} of {len(kernels)}, .*{words}"):
         load_weights(build(name)[0], str(path))
+
+
+@pytest.mark.parametrize(
+    ("activation", "divisor", "words"),
+    [
+        ("relu", 127.5, ""),
+        ("tanh", 127.5, "scale (127.5, 1.0)"),
+        ("relu", 255, "scale (255.0, 1.0)"),
+    ],
+)
+def test_a_file_that_computes_otherwise_is_named(
+    activation: str, divisor: float, words: str, tmp_path: Path
+) -> None:
+    arrays = iter(random_layers(KERNELS["lenet"]))
+    layers: list[Layer] = [("Rescaling", {"scale": 1 / divisor, "offset": -1}, [])]
+    for kind, config in NETWORKS["lenet"]:
+        config = {"activation": activation} if config == RELU else config
+        weights = list(next(arrays)) if kind in ("Conv2D", "Dense") else []
+        sizes = {"filters": len(weights[-1]), "kernel_size": [5, 5]} if kind == "Conv2D" else {}
+        sizes = {"units": len(weights[-1])} if kind == "Dense" else sizes
+        layers.append((kind, config | sizes, weights))
+    path = write_h5(tmp_path / "model.h5", layers, shape=(32, 64, 1))
+    printed = load_weights(build("lenet")[0], str(path))
+    assert words in printed
+    assert ("steer otherwise" in printed) == bool(words)
 
 
 def test_another_networks_file_is_refused(tmp_path: Path) -> None:
