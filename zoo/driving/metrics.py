@@ -331,15 +331,15 @@ def episode_return(drive: Drive) -> float | None:
 def steering_per_s(drive: Drive) -> float:
     """Absolute change of the steering per second; a smooth drive has a small one.
 
-    Formula: `sum(|s[i+1] - s[i]|) / driven_s`. Rows that a person drove are left out. A steering
+    Formula: `sum(|s[i+1] - s[i]|) / driven_s`, both without steps from or to a person. A steering
     of 1 is 25 degrees at the front wheels.
     """
-    seconds = driven_s(drive)
-    change = sum(
-        float(np.abs(np.diff(steering[driver != PERSON])).sum())
-        for steering, driver in _by_client(drive, drive.steering, drive.driver)
-    )
-    return change / seconds if seconds else math.nan
+    change, seconds = 0.0, driven_s(drive)
+    for time_s, steering, driver in _by_client(drive, drive.time_s, drive.steering, drive.driver):
+        by_policy = (driver[1:] != PERSON) & (driver[:-1] != PERSON)
+        change += float(np.abs(np.diff(steering))[by_policy].sum())
+        seconds -= float(_driven_steps(drive, time_s)[~by_policy].sum())
+    return change / seconds if seconds > 1e-9 else math.nan
 
 
 @metric(

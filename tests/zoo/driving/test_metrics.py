@@ -85,9 +85,11 @@ def test_what_a_person_drove_on_the_socket_is_no_steering_of_the_policy() -> Non
         DriveRow(0.0, steering=0.5, speed_mph=10.0, cross_track_m=0.5),
         DriveRow(0.5, driver=PERSON, intervention=True),
         DriveRow(1.0, steering=0.25, speed_mph=20.0, cross_track_m=-0.25),
+        DriveRow(1.5, steering=0.5),
     ]
     figures = measure(Drive.of(rows, source=SOCKET))
-    assert figures["steering_per_s"] == 0.25
+    assert figures["steering_per_s"] == 0.5, "0.25 in the 0.5 s that the policy alone drove"
+    assert math.isnan(measure(Drive.of(rows[:3], source=SOCKET))["steering_per_s"])
     assert (figures["speed_mph"], figures["cte_mean_m"]) == (15.0, 0.375)
     assert figures["interventions"] == 1
 
