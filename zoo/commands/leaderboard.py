@@ -61,7 +61,7 @@ def leaderboard(
     tables.check_files(inputs=[*folders, *drives])
     writers = [] if paper is None else [(write, paper) for write in paper_writers(paper)]
     title = f"leaderboard of {', '.join(map(str, roots))}: {counted(len(folders), 'run')}"
-    title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
+    title += f"; evaluations, benchmarks or drives: {len(drives)}" if drives else ""
     ranking = Ranking.read(folders, roots[0] if len(roots) == 1 else Path(), drives, title)
     if paper is None:
         ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))

@@ -155,7 +155,7 @@ def test_a_folder_that_two_paths_name_counts_once(
     (here / "link").symlink_to("runs")
     leaderboard("marks", here / "marks", "runs", "link").show()
     printed = capsys.readouterr().out
-    assert "1 run, 1 evaluations, benchmarks or drives" in " ".join(printed.split())
+    assert "1 run; evaluations, benchmarks or drives: 1" in " ".join(printed.split())
     assert "of 84" in printed, "three trainings on 28 roads"
 
 
