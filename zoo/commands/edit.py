@@ -72,7 +72,8 @@ def edit(
     edits = typed_edits(len(recording), drop, keep, mirror, split)
     for line in report_lines(recording):
         print(printable(line))
-    for row in [first for first, _ in (*edits.dropped, *edits.mirrored)][:1]:
+    firsts = [first for first, _ in (*edits.dropped, *edits.mirrored)]
+    for row in sorted([*firsts, *edits.splits])[:1]:
         print(printable(f"the first edited row, {row + 1}, is {recording.place(row)}"))
     session = EditSession(recording, edits, out, print_result)
     if not page:

@@ -119,7 +119,7 @@ def test_a_wrong_option_is_named(
 def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_path: Path) -> None:
     folder = shutil.copytree(recorded.folder, tmp_path / "my lap")
     (folder / "IMG" / recorded.image(4).name).unlink()
-    process = start(tmp_path, "zoo.commands.edit", str(folder), "drop=11-20", "port=0")
+    process = start(tmp_path, "zoo.commands.edit", str(folder), "drop=15-20", "mirror=11", "port=0")
     lines = [process.stdout.readline() for _ in range(4)]
     assert "skipped 1 row" in lines[1]
     # The log's row 5 is not read.
@@ -128,7 +128,7 @@ def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_pa
     process.send_signal(signal.SIGINT)
     rest, _ = process.communicate(timeout=20)
     assert process.returncode == 0, rest
-    assert f"next: drivezoo edit '{folder}' drop=11-20" in rest
+    assert f"next: drivezoo edit '{folder}' drop=15-20 mirror=11" in rest
     assert "Traceback" not in rest
 
 
