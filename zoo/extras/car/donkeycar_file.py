@@ -150,6 +150,8 @@ def _view_layers(view: View, resizing: Callable[[View], list[Layer]]) -> list[La
         matrix, offset = COLOURS[view.colour]
         config = {"filters": len(matrix), "kernel_size": [1, 1]}
         layers.append(("Conv2D", config, [matrix.T[None, None], offset]))
+        if view.colour.startswith("yuv"):  # whose values OpenCV limits
+            layers.append(("ReLU", {"max_value": 1.0}, []))
     elif view.colour != "rgb":
         raise InputError(f"colour={view.colour}: Keras has no layer for it; train with rgb or yuv")
     resized = resizing(view) if view.size else []

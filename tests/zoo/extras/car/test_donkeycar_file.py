@@ -83,6 +83,19 @@ def test_colour_and_size_differ_by_rounding_only(colour: str, resize: str, tmp_p
     assert difference(checkpoint, tmp_path) < 0.1
 
 
+@needs_reader
+@pytest.mark.parametrize("write", [2, 3])
+def test_pure_colours_are_limited_as_opencvs(write: int, tmp_path: Path) -> None:
+    checkpoint = random_checkpoint(View((40, 20), "yuv", (32, 64), frame=FRAME))
+    path = tmp_path / ("pilot.h5" if write == 2 else "pilot.keras")
+    path.write_bytes(donkeycar_bytes(checkpoint, write)[0])
+    policies = CheckpointPolicy(checkpoint), donkeycar_policy(checkpoint, path)
+    for colour in ((255, 0, 0), (0, 255, 255)):
+        frame = np.full((*FRAME, 3), colour, np.uint8)
+        ours, theirs = (policy(frame, 0.0).steering for policy in policies)
+        assert theirs == pytest.approx(ours, abs=5e-4)
+
+
 def test_donkeycars_own_throttle_is_that_of_its_formula() -> None:
     assert inferred_throttle([-1.0, 0.0, 1.0]) == pytest.approx([1.0, 0.7538, 0.5565], abs=1e-4)
 
