@@ -82,10 +82,14 @@ class Referee(Result):
         policies, notes = read_policies(paths, names, wanted)
         if same_seeds:
             policies = {name: _numbered(rollouts) for name, rollouts in policies.items()}
-        before = None
+        whole, before = policies, None
         while policies != before:  # without some trainings, policies may share fewer scenes
             before, policies = policies, _shared(policies, "scene", notes)
             policies = _shared(policies, "training", notes) if paired else policies
+        for name in ("scene", "training") if paired else ("scene",):
+            every, kept = (set[str]().union(*_values(side, name)) for side in (whole, policies))
+            if others := every - kept:
+                notes.append(f"{counted(len(others), name)} left out, which not every policy has")
         notes = [*dict.fromkeys(notes), *_untold(policies)]
         scores = {row.score for rollouts in policies.values() for row in rollouts}
         score = wanted.score or ("success" if scores <= {0, 1} else "score")
@@ -234,19 +238,20 @@ def _numbered(rollouts: Sequence[Rollout]) -> list[Rollout]:
     return numbered
 
 
+def _values(policies: Mapping[str, list[Rollout]], name: str) -> list[set[str]]:
+    return [{getattr(row, name) for row in rollouts} for rollouts in policies.values()]
+
+
 def _shared(
     policies: dict[str, list[Rollout]], name: str, notes: list[str]
 ) -> dict[str, list[Rollout]]:
-    """Return the rollouts whose scene or training all policies have; note those left out."""
-    values = [{getattr(row, name) for row in rollouts} for rollouts in policies.values()]
-    shared = set.intersection(*values) - ({""} if name == "training" else set())
+    """Return the rollouts whose scene or training all policies have; note if they share none."""
+    shared = set.intersection(*_values(policies, name)) - ({""} if name == "training" else set())
     if name == "training" and not shared:
         raise InputError("paired=true: the policies share no training seed; leave it out")
     if not shared:
         notes.append("scenes: the policies share none, so they are samples of different scenes")
         return policies
-    if others := set.union(*values) - shared:
-        notes.append(f"{counted(len(others), name)} left out, which not every policy has")
     return {
         policy: [row for row in rollouts if getattr(row, name) in shared]
         for policy, rollouts in policies.items()

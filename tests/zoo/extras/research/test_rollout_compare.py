@@ -147,6 +147,14 @@ def test_paired_trainings_are_compared_on_the_scenes_that_they_share(tmp_path: P
     result = drivezoo.compare(file, policy="method", paired=True, out=tmp_path / "out.json")
     for rows in result.policies.values():
         assert {(row.scene, row.training) for row in rows} == {("scene 0", "0"), ("scene 1", "0")}
+    left = " left out, which not every policy has"
+    assert result.notes[:2] == [f"1 scene{left}", f"2 trainings{left}"]
+    extra = [replace(row, scene="scene 3") for row in a if row.scene == "scene 0"]
+    file = table(
+        tmp_path / "s.csv", [*a, *extra, *b]
+    )  # one scene is left out in each of two passes
+    result = drivezoo.compare(file, policy="method", paired=True, out=tmp_path / "two.json")
+    assert result.notes[0] == f"2 scenes{left}"
 
 
 def test_bench2drives_routes_are_scenes(tmp_path: Path) -> None:
