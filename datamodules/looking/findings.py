@@ -166,7 +166,7 @@ def _backward_times(recording: Recording) -> Iterator[str]:
         yield (
             f"{recording.place(rows[0])}: its time is before the row above's ({len(rows):,} such "
             "rows): each is taken for a pause, at which windows and drives end; sort the rows by "
-            "time"
+            "time, unless the clock was set back, as at the end of summer time"
         )
 
 
