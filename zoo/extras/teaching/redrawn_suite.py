@@ -4,6 +4,7 @@ from pathlib import Path
 
 from zoo.base.file_text import yaml_text
 from zoo.results.suite import read_suite_file, road_numbers, suite_path
+from zoo.runs.record_fields import check_fields
 from zoo.simulator.track_names import DRAWN
 
 
@@ -17,7 +18,7 @@ def redraw_suite(name: str, seed: int | None, roads: int) -> str:
 
     Raises:
         UsageError: there is no such suite.
-        InputError: the file cannot be read, or a key or value is wrong.
+        InputError: the file cannot be read, a key or value is wrong, or the roads are too many.
     """
     file = read_suite_file(suite_path(name))
     content = file.model_dump(exclude_unset=True)
@@ -32,6 +33,7 @@ def redraw_suite(name: str, seed: int | None, roads: int) -> str:
             ]
             for group, drives in content.get("groups", {}).items()
         }
+    check_fields(type(file), content, f"roads={roads}: name fewer for suite={name}")
     return yaml_text(content)
 
 

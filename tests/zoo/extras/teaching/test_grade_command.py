@@ -266,6 +266,11 @@ def test_places_of_levels_are_drawn_by_the_seed(tmp_path: Path) -> None:
     places, old = ([each.track for each in read_suite(str(path)).drives] for path in (drawn, suite))
     assert len(places) == 12
     assert not set(places) & set(old)
+    suite.write_text(suite.read_text().replace("roads: 3", "roads: 60"))
+    with pytest.raises(
+        InputError, match=r"^roads=20: name fewer for suite=.*own.yaml: roads: .*1000"
+    ):
+        redraw_suite(str(suite), 5, 20)
 
 
 DRIVER = Driver(file="x", sha256="0", model="LeNet", training_seed=1, parameters=1, data="1")
