@@ -190,6 +190,15 @@ def test_a_submission_has_a_process_and_a_time_of_its_own(submitted: Path, tmp_p
     assert [file.name for file in (tmp_path / "drives").glob("*.txt")] == ["eve.1-0.txt"]
 
 
+def test_weights_alone_are_handed_in_again_not_driven_by_python(
+    tmp_path: Path, suite: Path
+) -> None:
+    file, out = tmp_path / "net.ckpt", tmp_path / "drives" / "net-0"
+    torch.save(torch.nn.Linear(2, 1).state_dict(), file)
+    line = refusal(graded._drive, out, Submission("net", file), suite, 5, Event())
+    assert line.endswith("whose layers are code; hand in an ONNX file or a checkpoint")
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems set no such limit")
 def test_a_submission_has_a_limit_of_memory() -> None:
     limited = 'limit_resource("RLIMIT_DATA", MOST_BYTES); bytearray(MOST_BYTES)'
