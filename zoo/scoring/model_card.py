@@ -86,10 +86,11 @@ def _network(checkpoint: Checkpoint) -> list[str]:
     parameters = sum(parameter.numel() for parameter in network.parameters())
     height, width, channels = view.shape
     operations = multiply_adds(network, (channels, height, width))
+    resized = f", resized to {height} x {width} (resize={view.resize})" * bool(view.size)
     return [
         f"Network: {type(network).__name__}, {parameters:,} parameters, {operations:,} "
         "multiply-adds a frame. It steers a car from the images of one camera.",
-        f"View: without {view.crop_text}, colour {view.colour}, resized to {height} x {width}.",
+        f"View: without {view.crop_text}, colour {view.colour}{resized}.",
     ]
 
 
@@ -131,9 +132,8 @@ def _scores(of: Described) -> list[Block]:
     if not of.tracks:
         return [Text("Its run has no drives: nothing here shows that it stays on a road.")]
     scored = of.evidence.metrics.get("drive") or {}
-    speed = scored.get("speed_mph")
     where = scored.get("replayed") or "Drives of its run in drivezoo's embedded simulator"
-    text = f"{where}, at {speed:g} mph." if speed else f"{where}."
+    text = f"{where}, at {speed:g} mph." if (speed := scored.get("speed_mph")) else f"{where}."
     return [Text(text), Rows(drives_table(of.tracks))]
 
 

@@ -35,6 +35,7 @@ from zoo.commands.export import export
 from zoo.driving.metrics import measure
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
+from zoo.scoring import model_card
 from zoo.scoring.checked_export import export_checkpoint
 from zoo.scoring.parity import RENDERED, Frames, compare, take_frames
 from zoo.scoring.visual_backprop import Saliency
@@ -155,6 +156,15 @@ def test_the_file_keeps_the_view_and_the_scale(
 def test_a_file_says_which_state_it_takes(keys: list[str], words: str, tmp_path: Path) -> None:
     (tmp_path / "model.onnx").write_bytes(onnx_bytes(checkpoint_of(*keys)))
     assert words in onnx.load(tmp_path / "model.onnx").doc_string
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [("[32,64]", ", resized to 32 x 64 (resize=linear_first)."), ("null", "colour gray.")],
+)
+def test_a_card_says_how_the_view_is_resized(size: str, words: str) -> None:
+    keys = [f"model.size={size}", "model.resize=linear_first"]
+    assert model_card._network(checkpoint_of("lenet", *keys))[1].endswith(words)
 
 
 def test_a_file_that_steers_differently_is_removed(
