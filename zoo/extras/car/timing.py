@@ -18,7 +18,7 @@ def timing(ckpt: str, times: str, *, options: TimingOptions) -> "Timing":
     """Find how fast a network drives on a computer with measured loop times.
 
     Replays the measured delays, their jitter and lost frames in the embedded world, and searches
-    the highest speed without an intervention from several starts; then again with one property
+    the highest speed without an intervention on several roads; then again with one property
     improved at a time. Writes timing.json and timing.png.
 
     Args:
