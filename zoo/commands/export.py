@@ -43,7 +43,7 @@ def export(
         weights: int8: c and onnx: a quarter of the size; the steering changes a little, which is
             printed.
         calibration: recording whose frames give the ranges of values of weights=int8 in an ONNX
-            file; null: as frames.
+            file; null: those of frames=null.
         frames: recording whose frames are compared; null: the training's recording, else the
             embedded lake's, else new frames of the embedded lake, in the size of the training's.
         throttle: for Donkeycar: largest throttle, and the only one of a network that only steers;
