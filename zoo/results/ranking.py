@@ -75,9 +75,8 @@ class Entry:
         laps = min((row["laps"] for row in driven if "laps" in row), default=LAST)
         if laps < WHOLE_LAP:
             return f"{laps:.2g} laps"
-        metres = min(
-            (row.get("driven_m", LAST) for row in driven if "laps" not in row), default=LAST
-        )
+        lengths = (row.get("driven_m", LAST) for row in driven if "laps" not in row)
+        metres = min(lengths, default=LAST)
         return f"{metres:.0f} m" if metres < LAP_M else ""
 
 
@@ -98,17 +97,15 @@ def rank(runs: Sequence[Scored]) -> list[Entry]:
 
 def _entry(runs: Sequence[Scored], shared: set[str]) -> Entry:
     runs = sorted(runs, key=lambda run: (run.seed is None, run.seed))
-    figures = {
-        key: _spread([getattr(run, key) for run in runs])
-        for key in ("val_mse", "test_mse", "wall_s")
-    }
-    figures |= {key: _spread([run.mean(key, shared) for run in runs]) for key in SCORES}
-    figures["cte_m"] = _spread([run.mean("cte_mean_m", shared) for run in runs])
+    keys = ("val_mse", "test_mse", "wall_s")
+    figures = {key: _spread([getattr(run, key) for run in runs], runs) for key in keys}
+    figures |= {key: _spread([run.mean(key, shared) for run in runs], runs) for key in SCORES}
+    figures["cte_m"] = _spread([run.mean("cte_mean_m", shared) for run in runs], runs)
     counts = {}
     for track in dict.fromkeys(name for run in runs for name in run.tracks):
         by_run = [run.tracks.get(track, {}) for run in runs]
         for key in dict.fromkeys(key for drive in by_run for key in drive):
-            figures[f"{track}/{key}"] = _spread([drive.get(key) for drive in by_run])
+            figures[f"{track}/{key}"] = _spread([drive.get(key) for drive in by_run], runs)
         if all(track in run.counts for run in runs):
             clean, drives = np.sum([run.counts[track] for run in runs], axis=0).tolist()
             counts[track] = clean, drives
@@ -116,9 +113,17 @@ def _entry(runs: Sequence[Scored], shared: set[str]) -> Entry:
     return Entry(tuple(runs), figures, counts)
 
 
-def _spread(values: Sequence[float | None]) -> Spread | None:
-    numbers = [value for value in values if value is not None]
-    return mean_and_deviation(numbers) if len(numbers) == len(values) else None
+def _spread(values: Sequence[float | None], runs: Sequence[Scored]) -> Spread | None:
+    """Return mean and deviation over training seeds; runs of one seed count as one, by their mean.
+
+    None where a run has no value.
+    """
+    by_seed: dict[int | None, list[float]] = {}
+    for value, run in zip(values, runs, strict=True):
+        if value is None:
+            return None
+        by_seed.setdefault(run.seed, []).append(value)
+    return mean_and_deviation([sum(same) / len(same) for same in by_seed.values()])
 
 
 def _order(entry: Entry) -> tuple:
@@ -159,9 +164,8 @@ class Figure:
     @property
     def values(self) -> list[float | None]:
         """Return the means; None where there is none."""
-        return [
-            pair[0] if (pair := entry.figures.get(self.key)) else None for entry in self.entries
-        ]
+        pairs = [entry.figures.get(self.key) for entry in self.entries]
+        return [pair[0] if pair else None for pair in pairs]
 
     @property
     def texts(self) -> list[str]:

@@ -102,8 +102,7 @@ class ReplayOptions(TableFiles):
 
 def track_names(text: str) -> list[str]:
     """Return the names in `lake,mountain`, each once; the usual track of an empty text."""
-    names = (text or WorldSettings.track).split(",")
-    return list(dict.fromkeys(name for name in names if name))
+    return list(dict.fromkeys(filter(None, (text or WorldSettings.track).split(","))))
 
 
 def check_world(options: WorldSettings) -> tuple[str, ...]:

@@ -274,11 +274,13 @@ def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) ->
     assert headings == {"", "run"}, "all share the recording, and a column of settings the model"
 
 
-def test_a_repeated_training_narrows_no_interval(tmp_path: Path) -> None:
+def test_a_repeated_training_counts_once(tmp_path: Path) -> None:
     for name, seed, autonomy in (("a", 1, 0.9), ("again", 1, 0.9), ("b", 2, 0.8)):
         write_run(tmp_path / name, autonomy, seed=seed, root="/a/lake")
     (entry,) = entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
     assert ranked_figures(entries)[0].interval(entry).low < 0.5
+    mean, deviation = entry.figures["autonomy"]
+    assert (mean, deviation) == pytest.approx((0.85, 0.005**0.5)), "of the seeds, not of the runs"
 
 
 @pytest.mark.parametrize(
