@@ -62,7 +62,7 @@ def test_a_run_that_failed_before_it_trained_leaves_its_folder_free(
 ) -> None:
     """Its command is typed again, without the typo."""
     arguments = (*SMALL, *data_of(recorded), "hydra.run.dir=run")
-    for words in ("data.split=random.csv", "data.split=blokcs"):
+    for words in ("data.split=random.csv", "data.split=blocks2"):
         assert f"{words} is not one of" in only_line(run_here(tmp_path, *arguments, words))
     succeed(run_here(tmp_path, *arguments, "trainer.max_epochs=0"))
     assert "already holds a run" in only_line(run_here(tmp_path, *arguments))
