@@ -2,7 +2,7 @@
 
 https://github.com/NVIDIA-AI-IOT/jetracer, notebooks/xy_dataset.py: `<x>_<y>_<uuid>.jpg`, pixels;
 JetBot's road following: `xy_<x>_<y>_<uuid>.jpg`. The steering is the point's distance from the
-middle, in halves of the image's width, as both projects' networks learn it. There is no time.
+middle, in halves of its own image's width, as both projects' networks learn it. There is no time.
 """
 
 import re
@@ -38,13 +38,18 @@ def read(path: Path, options: ReadOptions) -> Recording:
     named = [(str(image), int(name[1])) for image, name in pairs if name]
     if not named:
         raise InputError(f"{path}: holds no image named X_Y_UUID.jpg; name another folder")
-    first = named[0][0]
-    try:
-        with open_binary(first, MOST_IMAGE_BYTES) as file:
-            half = image_size(file)[0] / 2
-    except (OSError, ValueError) as error:
-        raise InputError(f"{first}: {error}; copy it again, or delete it") from None
-    images, points = map(list, zip(*named, strict=True))
+    widths: list[int] = []
+    for image, _ in named:
+        try:
+            with open_binary(image, MOST_IMAGE_BYTES) as file:
+                widths.append(image_size(file)[0])
+        except (OSError, ValueError) as error:
+            if not widths:
+                raise InputError(f"{image}: {error}; copy it again, or delete it") from None
+            widths.append(widths[0])  # of a row that is left out for its image
+    images, columns = map(list, zip(*named, strict=True))
+    points = [at * widths[0] / width for at, width in zip(columns, widths, strict=True)]
     rows = {"place": images, "center": images, "steering": points}
+    half = widths[0] / 2
     unit = SteeringUnit("px", full=half, zero=half)
     return labelled_recording(path, rows, unit, options, notes=(NOTE,))

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from rich.console import Console
@@ -141,6 +142,17 @@ def test_points_of_a_jetracer_are_shares_of_half_the_width(tmp_path: Path) -> No
     points = [int(Path(path).name.partition("_")[0]) for path in recording.images[:, 0]]
     assert recording.steering == pytest.approx(np.array(points) / 80 - 1)
     assert np.isnan(recording.time_s).all()
+
+
+def test_each_image_of_a_jetracer_has_its_own_width(tmp_path: Path) -> None:
+    folder = jetracer(tmp_path / "recording")
+    steering = read(folder).steering
+    for path in sorted(folder.iterdir())[1::2]:
+        x, _, rest = path.name.partition("_")
+        image = cv2.resize(cv2.imread(str(path)), None, fx=3, fy=3)
+        cv2.imwrite(str(path.with_name(f"{3 * int(x)}_{rest}")), image)
+        path.unlink()
+    assert sorted(read(folder).steering) == pytest.approx(sorted(steering))
 
 
 def test_images_with_capital_suffixes_are_detected(tmp_path: Path) -> None:
