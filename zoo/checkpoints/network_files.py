@@ -53,8 +53,9 @@ class WeightsReader(Protocol):
 
 def describe_network(path: Path) -> str:
     """Return what a file or folder is and what to do with it; empty if no reader knows it."""
-    described = (each.describe(path) for each in load_entries(GROUP, WeightsReader))
-    return next(filter(None, described), "")
+    # Packages first: they know their own files, of which an extra only sees that they are packed.
+    readers = reversed([*load_entries(GROUP, WeightsReader)])
+    return next(filter(None, (each.describe(path) for each in readers)), "")
 
 
 def weights_reader(path: Path) -> WeightsReader | None:
