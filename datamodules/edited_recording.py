@@ -113,7 +113,7 @@ def _write_part(
     stems = image_stems(np.nan_to_num(recording.time_s))
     named = times_from_names([str(image) for image in recording.images[:, 0]])
     is_renamed = np.isfinite(recording.time_s) & ~(np.abs(named - recording.time_s) < 0.001)
-    is_last = missing_rows(recording) | (np.diff(recording.recording) != 0)
+    is_last = missing_rows(recording)
     pairs = list(zip(rows.tolist(), mirrored.tolist(), strict=True))
     for row, turned in reported(pairs, report):
         images = recording.images[row].tolist()

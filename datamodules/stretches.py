@@ -1,7 +1,7 @@
 """Stretches and drives of a recording without a pause, and how steering returns in them."""
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,8 +55,8 @@ def find_breaks(recording: Recording) -> np.ndarray:
 
 
 def missing_rows(recording: Recording) -> np.ndarray:
-    """Return whether rows are missing between a row and the next, by line or time, bool [N - 1]."""
-    missing = np.zeros(len(recording) - 1, dtype=bool)
+    """Return whether the next row is missing, by line or time, or a new recording's, bool [N-1]."""
+    missing = _changes(recording)
     for number in range(len(recording.names)):
         rows = np.flatnonzero(recording.recording == number)
         for column, most in ((recording.line, 1), (recording.time_s, MOST_STEPS)):
@@ -97,14 +97,14 @@ def steering_returns(recording: Recording, first: np.ndarray, length: int) -> np
 
 
 def continuous_drives(recording: Recording, most: int | None = None) -> list[range]:
-    """Return the rows between pauses, in order; without times, between missing rows.
+    """Return the rows between pauses and missing rows, in order.
 
     Args:
         recording: recording whose rows are numbered.
         most: largest number of rows in a drive; a longer one is cut.
     """
-    timed = replace(recording, time_s=complete_times(recording))
-    borders, length = np.flatnonzero(find_breaks(timed)) + 1, most or len(recording)
+    ends = find_breaks(recording) | missing_rows(recording)
+    borders, length = np.flatnonzero(ends) + 1, most or len(recording)
     return [
         range(start, min(start + length, stop))
         for first, stop in itertools.pairwise([0, *borders.tolist(), len(recording)])

@@ -72,8 +72,7 @@ TYPES = {
 
 def detect(path: Path) -> bool:
     """Return whether a folder holds a manifest or a catalog, or records of Donkeycar 3."""
-    files = itertools.chain(path.glob(MANIFEST), path.glob(CATALOGS), _old_paths(path))
-    return next(files, None) is not None
+    return any(itertools.chain(path.glob(MANIFEST), path.glob(CATALOGS), _old_paths(path)))
 
 
 def read(path: Path, options: ReadOptions) -> Recording:
@@ -127,9 +126,10 @@ def read(path: Path, options: ReadOptions) -> Recording:
     if options.unit:
         numbers["steering"] = options.unit.steering(numbers["steering"])
     untimed = int(np.isnan(numbers["time_s"]).sum())
+    session = np.unique(columns["session"], return_inverse=True)[1]
+    line = np.array(columns["line"]) + np.cumsum(np.diff(session, prepend=session[0]) != 0)
     if untimed:
-        drive = np.unique(columns["session"], return_inverse=True)[1]
-        numbers["time_s"] = times_of_drives(drive, np.array(columns["line"]) / LOOP_HZ)
+        numbers["time_s"] = times_of_drives(session, line / LOOP_HZ)
     counts = {
         f"{counted(deleted, 'record')} left out that the tub marks as deleted": deleted,
         f"{counted(piloted, 'record')} left out that an autopilot drove": piloted,
@@ -141,7 +141,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         numbers,
         {"center": columns["image"]},
         places=np.array(columns["place"], object),
-        line=np.array(columns["line"]),
+        line=line,
         bad_images=tuple(bad_images),
         notes=tuple(note for note, number in counts.items() if number),
         # Of drivezoo's own tubs; the rig of others is unknown.
@@ -197,8 +197,7 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[int, str, str
     else:
         gone, counted, names = set(), None, there
         notes.append(f"no {MANIFEST}: deleted records are read, too, of {', '.join(names)}")
-    images = f"{folder / IMAGES}{os.sep}"
-    index = 0
+    images, index = f"{folder / IMAGES}{os.sep}", 0
     for name in names:
         catalog = folder / name
         if not os.path.exists(catalog):  # noqa: PTH110 - False for a name that is too long

@@ -189,8 +189,7 @@ def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
     height, width = image.shape[:2]
     rows, columns = max(height, -(-width // 2)), max(width, 2 * height)
     top, left = (rows - height) // 2, (columns - width) // 2
-    around = ((top, rows - height - top), (left, columns - width - left), (0, 0))
-    return np.pad(image, around)
+    return np.pad(image, ((top, rows - height - top), (left, columns - width - left), (0, 0)))
 
 
 def _changed(image: AnyImage, options: WriteOptions) -> StoredImage:

@@ -34,7 +34,7 @@ from datamodules.recording import (
     spellings,
     unnamed_note,
 )
-from datamodules.stretches import complete_times, find_breaks
+from datamodules.stretches import complete_times, continuous_drives, missing_rows
 from zoo.base.errors import InputError
 from zoo.base.new_folder import whole_folder
 from zoo.base.rig import UDACITY
@@ -81,9 +81,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
         for source, count in centre.items()
         if not folder and not Path(source).is_relative_to(log.parent)
     ]
-    recording = replace(recording, notes=tuple(notes))
     good = ~np.isin(np.arange(len(rows)), list(bad))
-    return recording.keep(good, tuple(bad[index] for index in sorted(bad)))
+    return replace(recording, notes=tuple(notes)).keep(good, tuple(bad[at] for at in sorted(bad)))
 
 
 def write(recording: Recording, out: Path, options: WriteOptions, progress: Progress) -> Converted:
@@ -105,15 +104,17 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
             image, source = recording.images[row, camera], recording.place(row)
             written[row, camera] = put_image(image, target, source, quality=options.quality)
         columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
-        write_log(part, zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True))
+        rows: list = [*zip(written.tolist(), np.stack(columns, 1).tolist(), strict=True)]
+        for row in np.flatnonzero(missing_rows(recording))[::-1].tolist():
+            rows.insert(row + 1, None)
+        write_log(part, rows)
         write_car(part, recording, recording.format)
     notes = [
         *left_out_note(recording.bad_rows, "they cannot be read"),
         *left_out_note([*recording.bad_images, *left_out], "their image is damaged or missing"),
         *recording.notes,
     ]
-    drives = 1 + int(find_breaks(recording).sum())
-    return Converted(out, len(recording), drives, tuple(notes))
+    return Converted(out, len(recording), len(continuous_drives(recording)), tuple(notes))
 
 
 def _reading_order(recording: Recording) -> list[tuple[int, int]]:

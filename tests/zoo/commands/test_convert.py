@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from datamodules.recording_format import read_recordings
-from datamodules.stretches import find_breaks
+from datamodules.stretches import find_breaks, missing_rows
 from tests.foreign_recordings import ROWS, challenge2_test, table
 from tests.recordings import Written
 from tests.zoo.command_runs import only_line, run_here, succeed
@@ -92,6 +92,25 @@ def test_rows_without_times_have_a_pause_where_rows_are_left_out(to: str, tmp_pa
     succeed(run_convert(tmp_path, *words, f"to={to}", "out=new"))
     copy = read_recordings(str(tmp_path / "new"))
     assert np.flatnonzero(find_breaks(copy)).tolist() == [19]
+
+
+@pytest.mark.parametrize("to", ["udacity", "donkeycar"])
+def test_no_window_of_a_copy_reaches_over_a_missing_row(
+    to: str, recorded: Written, tmp_path: Path
+) -> None:
+    check_a_missing_row(to, recorded, tmp_path)
+
+
+def check_a_missing_row(to: str, recorded: Written, tmp_path: Path) -> None:
+    """Check that a copy in a format keeps a missing row, which the times do not show."""
+    source = recorded.folder
+    if to == "udacity":
+        succeed(run_convert(tmp_path, str(source), "to=donkeycar", "out=tub"))
+        source = tmp_path / "tub"
+    words = (str(source), "keep=1-20,22-120", f"to={to}", "out=new")
+    assert "119 rows, 2 continuous drives" in succeed(run_convert(tmp_path, *words))
+    copy = read_recordings(str(tmp_path / "new"))
+    assert np.flatnonzero(missing_rows(copy)).tolist() == [19]
 
 
 def test_rows_that_are_none_are_refused(recorded: Written, tmp_path: Path) -> None:

@@ -12,11 +12,11 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS, BadRows
 from datamodules.format_options import Converted, Progress, ReadOptions, WriteOptions
-from datamodules.formats.parquet_columns import component, load_pyarrow, read_table
+from datamodules.formats.parquet_columns import component, load_pyarrow, open_parquet, read_table
 from datamodules.formats.recording_writer import left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.recording import TIMED_LABELS, Recording, indices, keep_valid, make_recording
-from datamodules.stretches import complete_times, find_breaks
+from datamodules.stretches import complete_times, continuous_drives
 from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
 from zoo.base.new_folder import whole_folder
@@ -27,6 +27,7 @@ from zoo.extras.scale.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_ad
 title = "shards"
 LABELS = "labels.parquet"
 RECORDING = "recording"  # number of the recording in `RIGS`, from 0
+LINE = "line"  # number of the row in its source; a missing number is a missing row
 MOST_RECORDINGS = 10_000
 RIGS = "rigs.json"  # of each recording: contents of rig.yaml, `udacity`, or null if it is unknown
 
@@ -46,7 +47,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
     store = ShardStore(path, cache, int(options.cache_gb * 1e9))
     labels = store.fetch(LABELS)
     rigs = _read_rigs(store)
-    columns = read_table(labels, [*TIMED_LABELS, *CAMERAS, RECORDING])
+    numbered = {LINE} & set(open_parquet(labels, ()).schema_arrow.names)  # of earlier shards none
+    columns = read_table(labels, [*TIMED_LABELS, *CAMERAS, RECORDING, *numbered])
     table = {name: component(column, labels, name) for name, column in columns.items()}
     counts = np.array(list(store.images.values()))
     files = [f"{store.source}/{name}" for name in store.images]
@@ -71,6 +73,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
         images,
         places=np.array([f"{label}, row {row + 1}" for row in range(len(number))], object),
         recording=indices(table[RECORDING]),
+        line=indices(table.get(LINE, np.arange(1, len(number) + 1))),
     )
     if not np.isin(recording.recording, range(len(rigs))).all():
         raise InputError(f"{label}: has rows of recordings that {RIGS} lacks; {REMEDY}")
@@ -119,7 +122,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         kept = recording.keep(good)
         columns = {name: getattr(kept, name) for name in TIMED_LABELS} | {"time_s": times[good]}
         columns |= {camera: item[good, number] for number, camera in enumerate(CAMERAS)}
-        columns[RECORDING] = kept.recording
+        columns |= {RECORDING: kept.recording, LINE: kept.line}
         pyarrow.parquet.write_table(pyarrow.table(columns), part / LABELS)
         rigs = [
             UDACITY.name if rig == UDACITY else rig and rig_fields(rig)
@@ -128,7 +131,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         (part / RIGS).write_text(json.dumps(rigs, indent=2) + "\n", encoding="utf-8")
     notes = left_out_note(left_out, "their image is damaged")
     following = ("drivezoo", "train", f"data.root={out}")
-    return Converted(out, len(kept), 1 + int(find_breaks(kept).sum()), tuple(notes), following)
+    return Converted(out, len(kept), len(continuous_drives(kept)), tuple(notes), following)
 
 
 def _read_rigs(store: ShardStore) -> tuple[Rig | None, ...]:

@@ -17,6 +17,7 @@ from datamodules.balance import epoch_batches, shard_windows, share_of
 from datamodules.driving import DrivingData
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
+from datamodules.stretches import missing_rows
 from tests.contracts.test_recordings import ROWS as CONTRACT_ROWS
 from tests.contracts.test_recordings import check_copied_car, check_written, ours
 from tests.datamodules.test_path_contents import tub
@@ -125,6 +126,14 @@ def test_images_come_back_as_they_were_stored(source: Written, shards: Path) -> 
         assert after.stored(row, camera) == before.stored(row, camera)
     assert after.rig == before.rig
     assert len(list(shards.glob("*.bin"))) > 20
+
+
+def test_a_missing_row_is_missing_in_the_shards(source: Written, tmp_path: Path) -> None:
+    whole = read_recordings(str(source.folder))
+    written = write_as("shards", whole.keep(np.arange(ROWS) != 20), tmp_path / "shards")
+    assert written.drives == 2
+    copy = read_recordings(str(tmp_path / "shards"))
+    assert np.flatnonzero(missing_rows(copy)).tolist() == [19]
 
 
 def test_what_is_written_is_detected_and_read_back_equal(tmp_path: Path) -> None:
