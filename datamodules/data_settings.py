@@ -107,8 +107,7 @@ class DataSettings(BatchOptions):
             if key.name not in READ_LATER:
                 convert(f"data.{key.name}", key.kind, getattr(self, key.name))
         camera_numbers(self.cameras)
-        view = View(self.crop, self.colour, self.size, self.resize)
-        object.__setattr__(self, "view", view)
+        object.__setattr__(self, "view", View(self.crop, self.colour, self.size, self.resize))
 
     def load(self, console: Console) -> DrivingData:
         """Read the recordings, decode images that are not cached, split the rows, make samples.

@@ -120,8 +120,7 @@ def plan_features(
             rows = np.flatnonzero((recording.recording == number) & (views.file[:, camera] >= 0))
             if not len(rows):
                 continue
-            paths = list(recording.images[rows, camera])
-            images = cache_key(paths, view) if cache else ""
+            images = cache_key(list(recording.images[rows, camera]), view) if cache else ""
             for turned in (False, True)[: 1 + (mirrored and camera_name in cameras)]:
                 key = json.dumps([VERSION, images, front.fingerprint, turned])
                 digest = hashlib.sha256(key.encode()).hexdigest()[:24]

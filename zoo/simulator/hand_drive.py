@@ -88,9 +88,8 @@ class Drive:
             notice = "Off the road: put the car back"
         pairs = zip(self._before, world.pose(), strict=True)
         x, y, z, heading, pitch = (before + (after - before) * part for before, after in pairs)
-        pose = x, y, z, heading, pitch
         self.seat.show(
-            world.drawing().frame(pose, CAMERAS[0], world.frames),
+            world.drawing().frame((x, y, z, heading, pitch), CAMERAS[0], world.frames),
             speed_mph=world.car.speed_mph,
             steering=control.steering,
             throttle=control.throttle,

@@ -77,8 +77,7 @@ class Driven:
             seconds: simulated seconds since the pass began.
         """
         steering, throttle = command
-        pedals = split_pedals(throttle)
-        recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
+        recorder.add(frames, steering, *split_pedals(throttle), world.car.speed_mph, seconds)
         self.cte.append(world.cte)
         self.steering.append(steering)
         self.off_road += world.off_road

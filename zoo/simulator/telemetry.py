@@ -94,6 +94,5 @@ def parse_float(text: str, decimal_comma: bool) -> float | None:
     pattern = rf"\s*[+-]?(\d[\d{thousands}]*({decimal}\d*)?|{decimal}\d+)([eE][+-]?\d+)?\s*"
     if not re.fullmatch(pattern, text, re.ASCII):
         return None
-    plain = re.sub(thousands, "", text)
-    value = float(plain.replace(",", "."))
+    value = float(re.sub(thousands, "", text).replace(",", "."))
     return value if abs(value) <= LARGEST_FLOAT else None

@@ -10,14 +10,20 @@ import lightning
 from lightning.pytorch.callbacks import EarlyStopping
 from rich.console import Console
 
+from zoo.base.command_keys import typed_keys
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.parts import typed_parts
 from zoo.base.run_command import was_stopped
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file, trained_epochs
 from zoo.runs.status import read_status
+from zoo.training.host_settings import AUTO
+from zoo.training.obeyed_keys import unobeyed
 from zoo.training.run_module import RunModule, callbacks_of
 from zoo.training.steering_module import SteeringModule
+
+# Keys that a user may edit in a stopped run: callbacks, and files that are read or compared.
+UNTRAINED = ("callbacks.", "data.record.", "data.rig", "data.split", "model.weights")
 
 
 @contextmanager
@@ -29,10 +35,9 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        remedy = f"{folder} was removed, with all that the run had saved; start the run again"
         if folder.is_dir():
             remedy = f"{kept(folder)}; free some space, and resume with: {resume_command(folder)}"
-        else:
-            remedy = f"{folder} was removed, with all that the run had saved; start the run again"
         file = error.filename or folder
         raise InputError(f"{file}: {error.strerror or error}; {remedy}") from error
     finally:
@@ -81,12 +86,10 @@ class ResumePoint:
 
     Attributes:
         path: checkpoint file.
-        group_sizes: number of parameters in each group of its optimizer.
         contents: checkpoint's contents.
     """
 
     path: Path
-    group_sizes: list[int]
     contents: dict
 
     def end_early(self, trainer: lightning.Trainer) -> None:
@@ -100,11 +103,12 @@ class ResumePoint:
         """Raise InputError if the new optimizer has other groups than the saved one."""
         if not isinstance(module, SteeringModule):
             return
+        saved = self.contents["optimizer_states"][0]["param_groups"]
         groups = module.make_optimizer(module.parameter_groups()).param_groups
-        now = [len(group["params"]) for group in groups]
-        if self.group_sizes != now:
+        then, now = ([len(group["params"]) for group in part] for part in (saved, groups))
+        if then != now:
             raise InputError(
-                f"{self.path}: its optimizer has groups of {self.group_sizes} parameters, but "
+                f"{self.path}: its optimizer has groups of {then} parameters, but "
                 f"these settings (optim, model) and this version of drivezoo give {now}; set the "
                 "values that the run was started with, or start a new run with "
                 f"model.weights={self.path}"
@@ -136,7 +140,8 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
         console: console for that line.
 
     Raises:
-        InputError: the checkpoint cannot be read, or was trained on another recording.
+        InputError: the checkpoint cannot be read, or was trained on another recording or with
+            other values.
         UsageError: it was trained for more epochs than it should be.
     """
     last = folder / "checkpoints" / "last.ckpt"
@@ -153,11 +158,17 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
             f"data.root now holds {card['data']['rows']} ({card['data']['fingerprint']}); restore "
             f"the recording, or start a new run with model.weights={last}"
         )
-    saved = checkpoint["optimizer_states"][0]["param_groups"]
+    then, now = (dict(typed_keys(facts["config"])) for facts in (checkpoint["drivezoo"], card))
+    for key, (was, value) in unobeyed(then, now).items():
+        if key in then and AUTO not in (was, value) and not key.startswith(UNTRAINED):
+            raise InputError(
+                f"{folder / '.hydra' / 'config.yaml'}: {key} is {value}, and was {was} in the "
+                f"finished epochs; set it to that, or start a new run with model.weights={last}"
+            )
     epochs, most = trained_epochs(checkpoint), card["config"]["trainer"]["max_epochs"]
     if most < epochs:
         raise UsageError(
             f"trainer.max_epochs={most}: {counted(epochs, 'epoch')} of {folder} are finished; "
             f"set it to {epochs} or more"
         )
-    return ResumePoint(last, [len(group["params"]) for group in saved], checkpoint)
+    return ResumePoint(last, checkpoint)

@@ -18,20 +18,7 @@ from zoo.base.terminal import command_line, counted
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import trained_paths
 from zoo.runs.saved_config import check_saved_config, overridden, split_trust
-
-# Keys and sections that may change: how long, on which machine, from which folder, what is logged.
-# `quick` counts by what it sets. Of another recording, `find_resume_point` finds other rows.
-OBEYED = (
-    *("trainer.max_epochs", "trainer.min_epochs", "trainer.max_steps", "trainer.max_time"),
-    *("trainer.accelerator", "trainer.devices", "trainer.num_nodes", "trainer.strategy"),
-    *("trainer.compile", "trainer.group_batches", "trainer.profiler", "trainer.log_every_n_steps"),
-    *("data.root", "data.images", "data.cache", "data.cache_gb", "data.workers", "data.augment_on"),
-    *("callbacks.progress", "callbacks.learning_rate", "callbacks.fed_batch"),
-    *("callbacks.steering_histogram", "callbacks.predicted_against_true"),
-    *("score", "logger", "quick", "quick_samples"),
-)
-STOPPING = "callbacks.early_stopping"
-PATIENCE = f"{STOPPING}.patience"  # it may grow, and early stopping may be left out
+from zoo.training.obeyed_keys import PATIENCE, STOPPING, unobeyed
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
@@ -62,7 +49,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
     check_saved_config(config, folder / ".hydra" / "config.yaml", trusted, keys)
     last = folder / "checkpoints" / "last.ckpt"
     if last.is_file():
-        for key, (then, now) in unobeyed(saved, config).items():
+        for key, (then, now) in unobeyed(_settled(saved), _settled(config)).items():
             raise UsageError(
                 f"{' '.join(overrides)}: {key} was {then} in the finished epochs, and cannot be "
                 f"{now} in the next ones; start a new run with model.weights={last}"
@@ -92,30 +79,6 @@ def resume(folder: Path, overrides: list[str]) -> None:
 
 def _by_key(overrides: list[str]) -> dict[str, str]:
     return {override.partition("=")[0].lstrip("+~"): override for override in overrides}
-
-
-def unobeyed(saved: DictConfig, config: DictConfig) -> dict[str, tuple[str, str]]:
-    """Return the changed keys that the finished epochs forbid, with the values then and now."""
-    then, now = _settled(saved), _settled(config)
-    changed = {key: (then.get(key, "null"), now.get(key, "null")) for key in then | now}
-    return {
-        key: values
-        for key, values in changed.items()
-        if values[0] != values[1] and not _is_obeyed(key, *values) and not _is_dropped(key, now)
-    }
-
-
-def _is_obeyed(key: str, then: str, now: str) -> bool:
-    if key == PATIENCE:
-        return then.isdigit() and now.isdigit() and int(now) > int(then)
-    return any(f"{key}.".startswith(f"{obeyed}.") for obeyed in OBEYED)
-
-
-def _is_dropped(key: str, now: dict[str, str]) -> bool:
-    """Return whether a key is of a callback that is left out, but none that writes checkpoints."""
-    section = ".".join(key.split(".")[:2])
-    droppable = key.startswith("callbacks.") and section not in ("callbacks.best", "callbacks.last")
-    return droppable and not any(other.startswith(f"{section}.") for other in now)
 
 
 def _settled(config: DictConfig) -> dict[str, str]:
@@ -161,7 +124,7 @@ def _further(config: DictConfig, epochs: int) -> list[str]:
     if config.quick:
         samples = _settled(config)["data.samples_per_epoch"]
         keys += ["quick=false", f"data.samples_per_epoch={samples}"]
-    return keys if not unobeyed(config, overridden(config, keys)[0]) else []
+    return [] if unobeyed(_settled(config), _settled(overridden(config, keys)[0])) else keys
 
 
 def _patience(config: DictConfig) -> int | None:

@@ -188,6 +188,27 @@ def test_a_key_that_the_finished_epochs_forbid_is_refused(
     assert "model.weights=run/checkpoints/last.ckpt" in line
 
 
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("optim", "lr", 1e-9),
+        ("data", "batch_size", 7),
+        ("loss", "_target_", "torch.nn.L1Loss"),
+        ("model", "_target_", "zoo.models.lenet.LeNet"),
+    ],
+)
+def test_a_config_that_was_changed_by_hand_is_refused_as_the_keys_are(
+    section: str, key: str, value: object, two_epochs: Path, zoo: Zoo
+) -> None:
+    change_config(two_epochs, **{section: {key: value}}, trainer={"max_epochs": 3})
+    change_status(two_epochs, status="stopped")
+    before = weights(two_epochs)
+    line = only_line(zoo("resume=run"), 1)
+    for words in ("config.yaml", f"{section}.{key} is {value}, and was", "model.weights="):
+        assert words in line
+    assert equal(weights(two_epochs), before)
+
+
 def test_keys_that_change_no_finished_epoch_are_obeyed(
     two_epochs: Path, zoo: Zoo, recorded: Written, tmp_path: Path
 ) -> None:

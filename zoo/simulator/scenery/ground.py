@@ -126,8 +126,7 @@ class Ground:
     def grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x [X], y [Y] and heights [Y, X] of the mesh, which nowhere covers the road."""
         x, y = self._axes()
-        flat = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-        z = self.height(flat)
+        z = self.height(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
         road, least = self._road_points()
         corners, weights = self._corners(road, len(x))
         for _ in range(100):

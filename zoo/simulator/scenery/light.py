@@ -124,8 +124,7 @@ class Shadows:
 
     def _behind_rock(self, sun: np.ndarray) -> np.ndarray:
         """Return bool [N]: whether a rock face stands between a point and the sun."""
-        flat = sun[:2] / np.hypot(*sun[:2])
-        rightwards = self.right @ flat
+        rightwards = self.right @ (sun[:2] / np.hypot(*sun[:2]))
         wall = self.edge + ROCK_FOOT_M
         apart = np.where(rightwards > 0, wall - self.cte, wall + self.cte)
         away = apart / np.maximum(np.abs(rightwards), 1e-3)

@@ -75,8 +75,7 @@ def runs(track: Track) -> list[tuple[float, float]]:
         ends |= {stretch.start, min(stretch.end, track.length)}
     changes = np.flatnonzero(np.diff(track.bridge)) + 1
     ends |= set(track.distance[changes].tolist())
-    ordered = sorted(ends)
-    return [(start, end) for start, end in pairwise(ordered) if end - start > 0.01]
+    return [(start, end) for start, end in pairwise(sorted(ends)) if end - start > 0.01]
 
 
 def points_along(start: float, end: float, step_m: float = ALONG_M) -> np.ndarray:
