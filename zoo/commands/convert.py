@@ -62,11 +62,9 @@ def convert(
     if to not in writers:
         raise UsageError(f"to={to}: no format that can be written; {hint(to, writers)}")
     name, old = find_format(path, read.format)
-    if to == name:
+    if to == name and not sources:
         others = ", ".join(f"to={writer}" for writer in writers if writer != name)
-        raise UsageError(
-            f"to={to}: {source} is a {old.title} already; name another format: {others}"
-        )
+        raise UsageError(f"to={to}: {source} is a {old.title} already; name another: {others}")
     if to == LOG and sources:
         raise UsageError(f"to={to}: takes one recording; convert each, and name all in data.root")
     # Without SOURCE's own name, `.` has none to add the format to.

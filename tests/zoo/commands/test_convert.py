@@ -35,9 +35,21 @@ def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_
     assert again.steering.tolist() == recorded.steering.tolist()
 
 
+@pytest.mark.parametrize("order", [("tub", "log"), ("tub", "tub")])
+def test_a_tub_is_joined_with_others(
+    order: tuple[str, str], recorded: Written, tmp_path: Path
+) -> None:
+    succeed(run_convert(tmp_path, str(recorded.folder), "to=donkeycar", "out=tub"))
+    sources = [{"tub": "tub", "log": str(recorded.folder)}[name] for name in order]
+    printed = succeed(run_convert(tmp_path, *sources, "to=donkeycar", "out=both"))
+    assert "240 rows, 2 continuous drives" in printed
+    steering = read_recordings(str(tmp_path / "both")).steering
+    assert steering.tolist() == [*recorded.steering, *recorded.steering]
+
+
 def test_wrong_uses_name_the_right_one(recorded: Written, tmp_path: Path) -> None:
     for source, keys, kind, words in (
-        (recorded.folder, [], UsageError, r"name another format: to=donkeycar"),
+        (recorded.folder, [], UsageError, r"name another: to=donkeycar"),
         (recorded.folder, ["to=donkycar"], UsageError, r"no format .* did you mean donkeycar\?"),
         (recorded.folder, ["to=udacity"], UsageError, r"to=udacity: .* is a recording already"),
         (tmp_path / "nowhere", ["to=donkeycar"], InputError, "no such folder"),
