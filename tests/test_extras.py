@@ -38,7 +38,9 @@ CHOICES = {
     "drivezoo.simulators": ("drive", "tiny41", "world={}"),
     "drivezoo.worlds": ("evaluate", "tiny41", "world={}"),
 }
-LEFT_OUT = shutil.ignore_patterns(".*", "outputs", "_build", "dist")
+LEFT_OUT = shutil.ignore_patterns(
+    ".git", ".venv", ".*_cache", ".hypothesis", "outputs", "_build", "dist"
+)
 
 
 def without(names: list[str], folder: Path) -> Path:
