@@ -31,7 +31,7 @@ RIG = single_camera_rig(
     steering_deg=UNIT.full / 16,
     guesses=("camera", "full", "ratio of the steering wheel", "wheelbase"),
 )
-_ROW = re.compile(r"(\S+\.(?:jpe?g|png)) (-?[\d.]+(?:e-?\d+)?)(?:,(\S+ \S+))?", re.IGNORECASE)
+_ROW = re.compile(r"(\S.*\.(?:jpe?g|png)) (-?[\d.]+(?:e-?\d+)?)(?:,(\S+ \S+))?", re.IGNORECASE)
 
 
 def detect(path: Path) -> bool:

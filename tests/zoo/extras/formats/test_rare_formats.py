@@ -171,6 +171,16 @@ def test_images_that_deny_the_sign_stop_and_name_the_key(tmp_path: Path) -> None
     assert read(folder, steering=unit).steering == pytest.approx(-STEERING, abs=1e-6)
 
 
+def test_an_image_of_sullychen_has_blanks_in_its_name(tmp_path: Path) -> None:
+    folder = sullychen(tmp_path / "recording")
+    steering, log = read(folder).steering, folder / "data.txt"
+    for image in list(folder.glob("*.jpg")):
+        image.rename(image.with_name(f"my drive.png {image.name}"))
+    log.write_text(re.sub(r"(?m)^", "my drive.png ", log.read_text().rstrip("\n")) + "\n")
+    assert find_format(folder)[0] == "sullychen"
+    assert read(folder).steering.tolist() == steering.tolist()
+
+
 def test_a_servo_in_the_layout_of_degrees_stops_and_names_the_key(tmp_path: Path) -> None:
     folder = sullychen(tmp_path / "recording", full=45.0, zero=90.0)
     with pytest.raises(InputError, match=r"mostly about .*\{unit: servo, zero: 90, full: 45"):
