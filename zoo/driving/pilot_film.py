@@ -83,6 +83,5 @@ class Pilots:
         drawn = Image.fromarray(np.concatenate([picture, panel]))
         draw = ImageDraw.Draw(drawn)
         for x, y, text, font, colour in texts:
-            where = (x, size[1] + y)
-            draw.text(where, text, fill=colour, font=film_font(font), anchor="lm")
+            draw.text((x, size[1] + y), text, fill=colour, font=film_font(font), anchor="lm")
         return np.array(drawn)

@@ -133,11 +133,10 @@ class EfficientNetLite0(Transfer):
     @staticmethod
     def public_state(state: dict[str, Tensor]) -> dict[str, Tensor]:
         """Return the convolutions' tensors; the classifier's are left out."""
-        classifier = ("_conv_head.", "_bn1.", "_fc.")
         return {
             own_name(name): tensor
             for name, tensor in state.items()
-            if not name.startswith(classifier)
+            if not name.startswith(("_conv_head.", "_bn1.", "_fc."))
         }
 
 

@@ -85,8 +85,7 @@ def frame_outputs(network: nn.Module, images: Tensor, speed_mph: Tensor | None =
     """
     if isinstance(network, Memory):
         return network.step(images, *network.first_state(len(images)))[0][:, 0]
-    takes_speed = facts_of(network).takes_speed
-    return network(images, speed_mph) if takes_speed else network(images)
+    return network(images, speed_mph) if facts_of(network).takes_speed else network(images)
 
 
 class Stack(Memory):

@@ -199,10 +199,9 @@ class Figure:
         else:
             track = self.key.rpartition("/")[0]
             counts = [entry.counts.get(track) or (None, None) for entry in self.entries]
-            clean = [without for without, _ in counts]
             figures = {
                 name: [drives for _, drives in counts],
-                f"{name}_without_intervention": clean,
+                f"{name}_without_intervention": [without for without, _ in counts],
             }
         if self.is_score:
             figures |= interval_figures(name, [self.interval(entry) for entry in self.entries])

@@ -187,10 +187,9 @@ def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]
 
 def table(drives: Sequence[DriveRecord], name: str) -> np.ndarray:
     """Return a figure of drives, float64 [training seeds, drives]."""
-    seeds = 1 + max(drive.checkpoint for drive in drives)
     values = [
         [drive.figures[name] for drive in drives if drive.checkpoint == number]
-        for number in range(seeds)
+        for number in range(1 + max(drive.checkpoint for drive in drives))
     ]
     return np.array(values, np.float64)
 

@@ -48,8 +48,7 @@ def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) 
         axes, (before, after), titles, shares, (GREY, BLUE), strict=True
     ):
         counts, edges = np.histogram(steering, np.linspace(-1, 1, 41))
-        share = 100 * counts / max(len(steering), 1)
-        axis.stairs(share, edges, fill=True, color=colour)
+        axis.stairs(100 * counts / max(len(steering), 1), edges, fill=True, color=colour)
         axis.axvspan(-threshold, threshold, color=ORANGE, alpha=0.15, lw=0)
         axis.set_title(f"{title}\n{len(steering):,}, {straight:.0%} within ±{threshold:g}")
         axis.set(xlabel="steering (negative: left)", ylabel="samples (%)")

@@ -65,10 +65,9 @@ def drive_road(
     scenario.check()
     (drive,) = all_drives(driver, [scenario], renderer="software", first_only=True)
     largest_m, arrived = cte_max_m(drive), drive.driven_m > drive.length_m - ARRIVED_M
-    margin_m = drive.lane_m
     if drive.nan_frames:
         reason = f"steered NaN in {counted(drive.nan_frames, 'frame')}"
-    elif largest_m > margin_m:
+    elif largest_m > drive.lane_m:
         reason = f"left the lane after {drive.driven_m:.1f} m"
     elif drive.intervention.any() or not arrived:
         reason = f"stood still or turned back after {drive.driven_m:.1f} m"

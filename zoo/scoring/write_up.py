@@ -48,8 +48,7 @@ def perturbed(run: ReportedEvaluation) -> list[blocks.Block]:
 
 def _verdict(run: ReportedRun) -> blocks.Block:
     evidence = evidence_of_run(run.folder, run.config, run.metrics)
-    drives = [drive.summary for drive in run.drives]
-    return _box(judge(drives, evidence, replayed=run.replayed))
+    return _box(judge([drive.summary for drive in run.drives], evidence, replayed=run.replayed))
 
 
 def _box(verdict: Verdict) -> blocks.Block:

@@ -295,8 +295,7 @@ class Driver:
         """
         if self.load is None:
             raise InputError(f"{path}: this server loads no checkpoint")
-        policy = as_policy(self.load(Path(path)))
-        self.policy, self.checkpoint = policy, str(path)
+        self.policy, self.checkpoint = as_policy(self.load(Path(path))), str(path)
 
     def latest(self) -> SimpleNamespace:
         """Return the present state of the drive for the live page; None for unknown values.

@@ -40,6 +40,9 @@ ABOVE_0 = Annotated[float, Field(gt=0)]
 FACTORS = ("optim.lr", "loss.delta", "loss.weight", "schedule.factor", "schedule.gamma")
 BOUNDED |= dict.fromkeys(FACTORS, ABOVE_0) | {"trainer.limit_train_batches": ABOVE_0 | None}
 BOUNDED["callbacks.best.save_top_k"] = Literal[1]  # of several, the newest would be in best.ckpt
+# Of another name, the checkpoint would be found by no command.
+BOUNDED["callbacks.best.filename"] = Literal["best"]
+BOUNDED["callbacks.last.filename"] = Literal["last"]
 BOUNDED["callbacks.last.save_weights_only"] = Literal[False]  # resume= needs the optimizer
 SET_BY_RUN = dict.fromkeys(("callbacks", "enable_checkpointing"), "callbacks=NAME")
 SET_BY_RUN |= {"logger": "logger=NAME", "default_root_dir": "hydra.run.dir=FOLDER"}

@@ -130,8 +130,7 @@ def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
     points[..., 2] += np.array([0.0, 0.0, 0.2])
     soil = verges.SOILS[ground.around.ground]
     place = grid_mesh("ground", points, (0.0, 0.0, 1.0), soil, points[..., :2] / 6.0)
-    run = road.points_along(*road.runs(track)[at])
-    cross = _cross_face(track, ground, run, at)
+    cross = _cross_face(track, ground, road.points_along(*road.runs(track)[at]), at)
     rim = _face(ground, points[:, -1], spokes)
     return [place, cross, rim, *_barrier(centre + 0.3 * ahead, right, ahead, half + 1.0)]
 
