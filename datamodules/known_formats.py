@@ -44,7 +44,11 @@ class Format(Protocol):
 
 @runtime_checkable
 class WritableFormat(Format, Protocol):
-    """A format that `drivezoo convert` writes, too."""
+    """A format that `drivezoo convert` writes, too.
+
+    Its attribute `keys`, if it has one, names the fields of `WriteOptions` that it uses and others
+    do not; typed for a format that does not name them, they are refused.
+    """
 
     def write(
         self, recording: Recording, out: Path, options: WriteOptions, progress: Progress
@@ -71,26 +75,25 @@ def own_formats() -> dict[str, Format]:
 
 
 def outside_formats() -> Iterator[tuple[str, Format]]:
-    """Yield the name and the format of each part of the user's and each installed package.
+    """Yield the name and the format of each installed package and each part of the user's.
 
     Raises:
-        InputError: a part or a package's format cannot be imported.
+        InputError: a part or a package's format cannot be imported, or a part's name is ours.
     """
-    for part in format_parts():
-        module = import_part(part, part.module)
-        if isinstance(module, Format):
-            yield part.module.rpartition(".")[2], module
     for entry in named_entries(GROUP, OWN).values():
         if not is_extra(entry):
             yield entry.name, load_entry(entry, Format)
+    for part in format_parts():
+        module, name = import_part(part, part.module), part.module.rpartition(".")[2]
+        if isinstance(module, Format):
+            if name in own_formats():
+                raise InputError(f"{part.name}: drivezoo has a format {name}; rename your file")
+            yield name, module
 
 
 def formats() -> dict[str, Format]:
-    """Return all formats by name: drivezoo's, then those of parts and installed packages."""
-    sources = dict(own_formats())
-    for name, source in outside_formats():
-        sources.setdefault(name, source)
-    return sources
+    """Return all formats by name: drivezoo's, then those of installed packages and of parts."""
+    return own_formats() | dict(outside_formats())
 
 
 def writable_formats() -> dict[str, WritableFormat]:

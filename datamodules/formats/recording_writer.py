@@ -85,7 +85,8 @@ def chosen_recording(
         images = recording.images.copy()
         for place, image in np.ndenumerate(images):
             if image:
-                images[place] = _changed(image, options)
+                file, number = getattr(image, "file", str(image)), getattr(image, "number", 0)
+                images[place] = StoredImage(file, number, partial(_changed, image, options))
         # The camera of images in another shape is another one.
         recording = replace(recording, images=images, rig=None, rigs=())
         how = "padded" if options.size is None else "resized to {1} x {0}".format(*options.size)
@@ -192,12 +193,7 @@ def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
     return np.pad(image, ((top, rows - height - top), (left, columns - width - left), (0, 0)))
 
 
-def _changed(image: AnyImage, options: WriteOptions) -> StoredImage:
-    file, number = getattr(image, "file", str(image)), getattr(image, "number", 0)
-    return StoredImage(file, number, partial(_changed_pixels, image, options))
-
-
-def _changed_pixels(image: AnyImage, options: WriteOptions, *_: object) -> np.ndarray:
+def _changed(image: AnyImage, options: WriteOptions, *_: object) -> np.ndarray:
     pixels = read_image(image)
     if options.size:
         pixels = cv2.resize(pixels, options.size[::-1], interpolation=cv2.INTER_AREA)

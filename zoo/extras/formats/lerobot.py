@@ -49,6 +49,7 @@ from zoo.extras.formats.lerobot_features import (
 )
 from zoo.extras.formats.video_frames import read_frames
 
+keys = ("fps", "crf", "task")  # of `WriteOptions`
 title = "LeRobotDataset"
 MOST_NUMBER = 999_999  # of a chunk or a file
 

@@ -25,6 +25,7 @@ from zoo.base.rig_file import make_rig, rig_fields
 from zoo.extras.scale.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address
 
 title = "shards"
+keys = ("shard_mb",)  # of `WriteOptions`
 LABELS = "labels.parquet"
 RECORDING = "recording"  # number of the recording in `RIGS`, from 0
 LINE = "line"  # number of the row in its source; a missing number is a missing row

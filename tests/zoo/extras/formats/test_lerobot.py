@@ -89,6 +89,15 @@ def test_a_recording_comes_back(source: Recording, dataset: Path, tmp_path: Path
     assert (result.rows, result.drives, result.notes) == (40, 2, ())
 
 
+@pytest.mark.parametrize("word", ["fps=10", "crf=30", "task=park"])
+def test_a_key_of_lerobot_is_refused_for_another_format(
+    word: str, recorded: Written, tmp_path: Path
+) -> None:
+    words = (str(recorded.folder), "to=donkeycar", word, f"out={tmp_path / 'new'}")
+    with pytest.raises(UsageError, match=f"{word}: to=donkeycar does not use it; leave"):
+        convert.main(words)
+
+
 def test_images_of_one_camera_keep_their_size_but_for_an_odd_column(tmp_path: Path) -> None:
     written = write_recording(tmp_path / "one", 8, cameras=("center",))
     odd = write_resized(written, tmp_path / "odd", 455, 256)
