@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.known_formats import formats
 from datamodules.view import View
 from tests.contracts.outside_package import installed
 from tests.recordings import Written
@@ -261,6 +262,16 @@ def test_an_installed_packages_error_is_its_own(
         read = importlib.import_module("outside_part").read
         assert run_command("zoo", lambda _: read("nm"), []) == 1
     assert capsys.readouterr().err == f"zoo: {line}\n"
+
+
+def test_a_format_with_a_name_of_ours_is_refused(tmp_path: Path, named_here: NameFile) -> None:
+    code = "title = 'mine'\ndef detect(path): ...\ndef read(path, options): ...\n"
+    named_here(tmp_path / "udacity.py")
+    (tmp_path / "udacity.py").write_text(code)
+    with pytest.raises(InputError, match=r"^udacity\.py: drivezoo has a format udacity; rename"):
+        formats()
+    named_here((tmp_path / "udacity.py").rename(tmp_path / "udacity_of_mine.py"))
+    assert formats()["udacity_of_mine"].title == "mine"
 
 
 @pytest.mark.parametrize("module", ["zoo", "zoo.commands.export"])
