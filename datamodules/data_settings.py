@@ -166,7 +166,7 @@ class DataSettings(BatchOptions):
         self, recording: Recording, view: View, console: Console
     ) -> tuple[Recording, RowViews]:
         """Return the rows whose images can be decoded, with their views."""
-        cameras = [*self.cameras, "center"]  # validation and test always use the centre camera
+        cameras = sorted({*self.cameras, "center"})  # the centre for validation and test
         views, faults = load_row_views(recording, cameras, view, self.cache_folder, console)
         if not faults:
             return recording, views

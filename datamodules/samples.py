@@ -163,11 +163,11 @@ def camera_numbers(cameras: Sequence[str]) -> list[int]:
     """Return the numbers of cameras, sorted.
 
     Raises:
-        InputError: a camera is unknown, or there is none.
+        InputError: a camera is unknown or named twice, or there is none.
     """
-    if not cameras or any(name not in CAMERAS for name in cameras):
-        raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
-    return sorted({CAMERAS.index(name) for name in cameras})
+    if not cameras or sorted({*cameras} & {*CAMERAS}) != sorted(cameras):
+        raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}, each once")
+    return sorted(CAMERAS.index(name) for name in cameras)
 
 
 def _side_cameras(

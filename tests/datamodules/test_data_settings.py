@@ -75,6 +75,7 @@ OUT_OF_RANGE = {
         ("root", None, "is not set"),
         ("cameras", ["center", "back"], CAMERAS),
         ("cameras", [], CAMERAS),
+        ("cameras", ["center", "center"], "each once"),
         ("offset", "x", "x: must be a number in -1..1"),
         ("flip", True, "true: must be a number in 0..1, or both"),
         ("augment_on", "gpu", "gpu: must be auto, cpu or device"),

@@ -252,8 +252,8 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
             )
         if monitor.startswith(DROVE) and not drives:
             raise InputError(f"{what}, but nothing drives; add callbacks=closed_loop")
-        if monitor == "val/bias" and getattr(callback, "mode", None) == "min":
-            raise InputError(f"{what}, a signed figure: its least is not its best")
+        if monitor == "val/bias":
+            raise InputError(f"{what}, a signed figure: neither its least nor its most is best")
         best = mode_of(monitor)
         if (monitor.startswith(DROVE) or best == "min") and getattr(callback, "mode", best) != best:
             raise InputError(f"{what}, of which the {best} is best; set its mode={best} too")

@@ -40,6 +40,7 @@ ABOVE_0 = Annotated[float, Field(gt=0)]
 FACTORS = ("optim.lr", "loss.delta", "loss.weight", "schedule.factor", "schedule.gamma")
 BOUNDED |= dict.fromkeys(FACTORS, ABOVE_0) | {"trainer.limit_train_batches": ABOVE_0 | None}
 BOUNDED["callbacks.best.save_top_k"] = Literal[1]  # of several, the newest would be in best.ckpt
+BOUNDED["schedule.mode"] = Literal["min", "triangular", "triangular2", "exp_range"]  # of val/mse
 # Of another name, the checkpoint would be found by no command.
 BOUNDED["callbacks.best.filename"] = Literal["best"]
 BOUNDED["callbacks.last.filename"] = Literal["last"]

@@ -42,6 +42,7 @@ POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
         ("trainer.check_val_every_n_epoch", 0, "trainer.check_val_every_n_epoch=0: must be"),
         ("schedule.gamma", -1, "schedule.gamma=-1: must be a number above 0"),
         ("schedule.factor", -0.5, "schedule.factor=-0.5: must be a number above 0"),
+        ("schedule.mode", "max", "schedule.mode=max: must be min, "),
         ("schedule.patience", -3, "schedule.patience=-3: must be a whole number of 0 or more"),
         ("callbacks.early_stopping.patience", -3, "patience=-3: must be a whole number of 0 or"),
         ("callbacks.early_stopping.min_delta", -1, "min_delta=-1: must be a number of 0 or more"),
