@@ -216,11 +216,17 @@ def test_a_layer_is_named_as_in_the_state_dict() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["int.c", "1net.c", "my net.c", "view.c", "läufer.c", "Frame.c", "row_at.c", "weights_5.c"],
+    ["int.c", "1net.c", "my net.c", "view.c", "läufer.c", "Frame.c", "row_at.c", "weights_5.c"]
+    + ["NULL.c", "printf.c", "_Bool.c", "INT32_C.c", "sinf.c", "strlen.c", "time.c", "isnan.c"],
 )
 def test_a_name_that_c_refuses_is_refused(name: str) -> None:
     with pytest.raises(UsageError, match=r"steer\.c"):
         function_name(Path(name))
+
+
+@pytest.mark.parametrize("name", ["steer", "street", "memory", "timer", "printf_1", "int_1"])
+def test_a_name_like_one_of_c_is_taken(name: str) -> None:
+    assert function_name(Path(f"{name}.c")) == name
 
 
 def test_a_card_cannot_leave_its_comment(tmp_path: Path) -> None:
