@@ -232,7 +232,7 @@ def _output_specs(
     roles = ("steering", "throttle", "ignored")
     if len(names) != count or names.count("steering") != 1 or names.count("throttle") > 1:
         raise InputError(
-            f"{model.path}: has {count} outputs; name each with 'outputs=["
+            f"{model.path}: has {count} outputs; name each, drivezoo import FILE 'outputs=["
             f"{','.join((*roles[:2], *['ignored'] * count)[:count])}]', steering once"
         )
     if set(names) - set(roles):

@@ -46,16 +46,16 @@ def load(network: nn.Module, path: Path) -> str:
     from zoo.models.memory import frame_outputs
 
     if not isinstance(network, Sequential):
-        text = load_keras_weights(network, path)
+        text, told = load_keras_weights(network, path), None
         # Passed over: weights alone, an unclear layer, another size of the input.
         with suppress(InputError, RuntimeError), torch.random.fork_rng([]), torch.inference_mode():
             file = convert(read_keras_apart(path))
             images = torch.randint(0, 256, (8, file.input_shape[2], *file.input_shape[:2]))
             outputs = frame_outputs(deepcopy(network).eval(), images, torch.zeros(8))
-            most = float((outputs - file.network.eval()(images)).abs().max())
-            if file.scale and most > SAME:
-                text += f"; its own layers, of scale {file.scale}, steer otherwise, by {most:.1g}"
-        return text
+            most, told = float((outputs - file.network.eval()(images)).abs().max()), file.scale
+            if told and most > SAME:
+                text += f"; its own layers, of scale {told}, steer otherwise, by {most:.1g}"
+        return text if told else f"{text}; the scale of its pixels is unknown"
     model = read_keras_apart(path)
     state = convert(model, scale=network.scale).state
     fix = "set model.layers=null for the file's own layers"

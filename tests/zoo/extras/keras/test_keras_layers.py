@@ -444,7 +444,7 @@ def test_an_input_without_a_size_is_asked_for(tmp_path: Path) -> None:
 def test_two_outputs_are_asked_for(tmp_path: Path) -> None:
     layers = [SCALE, *REST[:3], ("Dense", {"units": 2}, W((504, 2), (2,)))]
     model = read(tmp_path, layers)
-    assert "outputs=[steering,throttle]" in refusal(convert, model)
+    assert "drivezoo import FILE 'outputs=[steering,throttle]'" in refusal(convert, model)
     wanted = expected(layers[1:])
     both = convert(model, outputs=["throttle", "steering"])
     np.testing.assert_allclose(predict(both), wanted[:, ::-1], atol=1e-5)

@@ -216,15 +216,17 @@ def test_what_to_set_follows_from_the_layer(
     ("activation", "divisor", "words"),
     [
         ("relu", 127.5, ""),
+        ("relu", None, "the scale of its pixels is unknown"),
         ("tanh", 127.5, "scale (127.5, 1.0)"),
         ("relu", 255, "scale (255.0, 1.0)"),
     ],
 )
 def test_a_file_that_computes_otherwise_is_named(
-    activation: str, divisor: float, words: str, tmp_path: Path
+    activation: str, divisor: float | None, words: str, tmp_path: Path
 ) -> None:
     arrays = iter(random_layers(KERNELS["lenet"]))
-    layers: list[Layer] = [("Rescaling", {"scale": 1 / divisor, "offset": -1}, [])]
+    scale = {"scale": 1 / (divisor or 1), "offset": -1}
+    layers: list[Layer] = [("Rescaling", scale, [])] if divisor else []
     for kind, config in NETWORKS["lenet"]:
         config = {"activation": activation} if config == RELU else config
         weights = list(next(arrays)) if kind in ("Conv2D", "Dense") else []
@@ -234,7 +236,8 @@ def test_a_file_that_computes_otherwise_is_named(
     path = write_h5(tmp_path / "model.h5", layers, shape=(32, 64, 1))
     printed = load_weights(build("lenet")[0], str(path))
     assert words in printed
-    assert ("steer otherwise" in printed) == bool(words)
+    assert ("steer otherwise" in printed) == bool(words and divisor)
+    assert ("is unknown" in printed) == (divisor is None)
 
 
 def test_another_networks_file_is_refused(tmp_path: Path) -> None:
