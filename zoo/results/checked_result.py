@@ -94,8 +94,7 @@ def check_suite(result: BenchmarkResult, suite: Suite, path: Path) -> None:
             f"{path}: roads: digest {result.roads:.40} is not that of the suite {suite.name} here "
             f"({suite.roads}); use the drivezoo that drove it ({code_name(result.code)})"
         )
-    wanted = {drive.key for drive in suite.drives}
-    if odd := sorted(wanted ^ set(roads_of(result))):
+    if odd := sorted({drive.key for drive in suite.drives} ^ set(roads_of(result))):
         raise InputError(
             f"{path}: drives: a {shown(odd[0])} is missing, or is not in the suite {suite.name}; "
             f"{_AGAIN}"

@@ -3,6 +3,7 @@
 import inspect
 import logging
 import os
+import re
 import warnings
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
@@ -320,4 +321,6 @@ def construct(key: str, settings: dict | DictConfig, **more: object) -> Any:
             cause = cause.__cause__
         if isinstance(cause, InputError):
             raise cause from None
-        raise InputError(f"{key}: {' '.join(str(cause).split())}") from error
+        # Of pydantic, what is wrong with which argument.
+        words = re.sub(r"(?s)\d+ validation errors? for \w+\s|\[type=.*", "", str(cause))
+        raise InputError(f"{key}: {' '.join(words.split())}") from error

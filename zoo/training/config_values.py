@@ -39,6 +39,7 @@ BOUNDED |= dict.fromkeys(("trainer.use_distributed_sampler", "trainer.barebones"
 ABOVE_0 = Annotated[float, Field(gt=0)]
 FACTORS = ("optim.lr", "loss.delta", "loss.weight", "schedule.factor", "schedule.gamma")
 BOUNDED |= dict.fromkeys(FACTORS, ABOVE_0) | {"trainer.limit_train_batches": ABOVE_0 | None}
+BOUNDED["trainer.val_check_interval"] = ABOVE_0 | Annotated[str, Field(pattern=":")] | None
 BOUNDED["callbacks.best.save_top_k"] = Literal[1]  # of several, the newest would be in best.ckpt
 BOUNDED["schedule.mode"] = Literal["min", "triangular", "triangular2", "exp_range"]  # of val/mse
 # Of another name, the checkpoint would be found by no command.
@@ -63,7 +64,11 @@ def check_config(config: DictConfig) -> None:
         del plain["trainer"]["precision"]
     for name in SET_BY_RUN.keys() & plain["trainer"].keys():
         raise UsageError(f"trainer.{name}: cannot be set; type {SET_BY_RUN[name]} instead")
-    for key, kind in BOUNDED.items():
+    bounded, most = BOUNDED.copy(), plain["trainer"].get("max_epochs")
+    if isinstance(most, int) and most > 0:  # without an epoch, schedule=cosine has T_max=0
+        bounded["schedule.T_max"] = Count
+        bounded["trainer.min_epochs"] = Annotated[int, Field(ge=0, le=most)] | None
+    for key, kind in bounded.items():
         section, _, name = key.rpartition(".")
         if name in (values := OmegaConf.select(config, section) or {}):
             convert(key, kind, values[name])

@@ -188,7 +188,8 @@ def _fit(
         for name in {getattr(callback, "monitor", None) for callback in callbacks_of(trainer)}:
             if name and figures and name not in figures and name in str(error):
                 raise InputError(f"monitor={name}: no such figure; {hint(name, figures)}") from None
-        if isinstance(error, MisconfigurationException) or "`val_check_interval`" in str(error):
+        ours = ("`val_check_interval`", "returned nan values")
+        if isinstance(error, MisconfigurationException) or any(word in str(error) for word in ours):
             raise InputError(f"trainer: {' '.join(str(error).split())}") from error
         raise
     if trainer.interrupted:

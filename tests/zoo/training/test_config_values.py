@@ -20,6 +20,7 @@ def check(config: dict) -> None:
 
 
 POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
+NOISE = {"_target_": "albumentations.GaussNoise", "std_range": [2, 3]}
 
 
 @pytest.mark.parametrize(
@@ -52,6 +53,9 @@ POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
         ("data.split_seed", -1, "split_seed=-1: must be a whole number of 0 or more"),
         ("callbacks.fed_batch.count", 0, "count=0: must be a whole number of 1 or more"),
         ("callbacks.predicted_against_true.every_n_epochs", 0, "must be a whole number of 1 or"),
+        ("trainer.val_check_interval", 0, "val_check_interval=0: must be a number above 0"),
+        ("trainer.min_epochs", 31, "trainer.min_epochs=31: must be a whole number in 0..30"),
+        ("schedule.T_max", 0, "schedule.T_max=0: must be a whole number of 1 or more"),
         ("trainer.use_distributed_sampler", True, "use_distributed_sampler=true: must be False"),
         ("trainer.barebones", True, "trainer.barebones=true: must be False"),
         ("data.flip", 2, "data.flip=2: must be a number in 0..1, or both"),
@@ -62,6 +66,7 @@ POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
         ("callbacks.best.save_top_k", 3, "callbacks.best.save_top_k=3: must be 1"),
         ("data.augment.brightness.p", 2, "data.augment.brightness.p=2: must be a number in 0..1"),
         ("data.augment.pose", POSE, "pose.aside_m=-1: must be a number of 0 or more"),
+        ("data.augment.noise", NOISE, "data: std_range Value error, All values in (2.0, 3.0) must"),
         ("trainer.precision", "fp16", "trainer.precision=fp16: must be "),
         ("trainer.max_epochs", -1, "trainer.max_epochs=-1: must be a whole number of 0 or more"),
         ("data.ofset", 1, "data.ofset: no such key; did you mean data.offset"),

@@ -81,6 +81,7 @@ def test_a_trial_run_writes_no_checkpoint(train, tmp_path: Path) -> None:
         (f"{NO_ROWS} schedule=plateau", "leaves no validation rows; set another number, or sch"),
         ("trainer.limit_val_batches=0.5", "limit_val_batches=1.0"),
         ("trainer.val_check_interval=1000", "trainer: `val_check_interval` (1000) must be less"),
+        ("trainer.detect_anomaly=true optim.lr=1e30", "returned nan values"),
         ("trainer.accumulate_grad_batches=0", "a whole number of 1 or more"),
     ],
 )

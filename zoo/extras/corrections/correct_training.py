@@ -131,6 +131,7 @@ def training_config(
     if "T_max" in (config.get("schedule") or {}):  # of a whole training; a round ends it, too
         config.schedule.T_max = options.epochs
     config.trainer.max_epochs = options.epochs
+    config.trainer.pop("min_epochs", None)
     config.callbacks.pop("early_stopping", None)
     config.callbacks.pop("closed_loop", None)
     if config.callbacks.get("best"):
