@@ -38,6 +38,7 @@ from zoo.base.limits import check_most
 from zoo.base.rig import MPS_PER_MPH, Rig
 
 MOST_ASIDE = 0.5  # middle of the steering numbers, as a share of full lock
+DATE = re.compile(r"\d+[-/]\d+[-/]\d")
 NUMBERS = ("time_s", "speed_mps", "throttle", "brake")
 
 Rows = dict[str, list]  # columns by name
@@ -285,7 +286,8 @@ def decimal(fields: Mapping[str, Any], name: str) -> float:
         value = math.nan
     if math.isfinite(value):
         return value
-    raise ValueError(f"{name} is {field!r:.80}, not a finite number")
+    what = "seconds: convert dates" if DATE.match(str(field)) else "a finite number"
+    raise ValueError(f"{name} is {field!r:.80}, not {what}")
 
 
 def inside(folder: Path, name: str) -> str:

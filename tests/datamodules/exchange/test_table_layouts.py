@@ -115,6 +115,13 @@ def test_bare_names_are_found_in_one_folder_and_not_in_one_of_two(tmp_path: Path
         read(table)
 
 
+@pytest.mark.parametrize("date", ["2024-05-01T12:00:00.5", "01/05/2024 12:00"])
+def test_times_that_are_dates_are_to_be_seconds(date: str, tmp_path: Path) -> None:
+    table = write(tmp_path / "set", "image,steering,when", form=f"{{path}},{{turn}},{date}")
+    with pytest.raises(InputError, match=r"row 2: when is '.*', not seconds: convert dates"):
+        read(table, {"image": "image", "steering": "steering", "time": "when"})
+
+
 def test_no_window_reaches_over_a_bad_row(tmp_path: Path) -> None:
     table = write(tmp_path / "set", HEADER)
     lines = table.read_text().splitlines()
