@@ -56,7 +56,9 @@ def train(arguments: list[str], several: bool = True) -> Path:
     arguments = [name_latest(argument) for argument in arguments]
     resumed = [argument for argument in arguments if is_resume(argument)]
     if resumed:
-        overrides = [word for word in arguments if word not in resumed and not is_sweep([word])]
+        overrides = [word for word in arguments if word not in resumed]
+        if is_sweep(overrides):
+            raise UsageError(f"{resumed[0]}: is one run, but -m starts a sweep; leave out -m")
         from zoo.training.resume import resume
 
         folder = find_run(resumed[0].removeprefix("resume="))

@@ -127,8 +127,7 @@ class Drive:
         """
         names = DriveRow.__dataclass_fields__
         # Not dataclasses.astuple, which copies each value: a tenth of a drive's time.
-        values = map(attrgetter(*names), rows)
-        columns = zip(*values, strict=True) if rows else [()] * len(names)
+        columns = zip(*map(attrgetter(*names), rows), strict=True) if rows else [()] * len(names)
         arrays: dict[str, Any] = {
             name: np.array(column, TYPES.get(name, np.float64))
             for name, column in zip(names, columns, strict=True)

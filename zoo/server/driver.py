@@ -153,8 +153,7 @@ class Driver:
             self.notices.report(kind, detail)
         mph = session.speed_mph = telemetry.speed_mph
         session.seen_mph = session.seen_mph if math.isnan(mph) else mph
-        held = self.paused or session.controller.set_mph == 0
-        lost = session.judge(telemetry, now_s, held)
+        lost = session.judge(telemetry, now_s, self.paused or session.controller.set_mph == 0)
         if lost is not None:
             self.tally.counts[lost] += 1
             line = f"{WORDS[lost]} after {self._time(now_s):.1f} s"

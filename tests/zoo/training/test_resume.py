@@ -59,7 +59,8 @@ def test_a_finished_run_is_left_as_it_is(two_epochs: Path, zoo: Zoo) -> None:
         ("trainer.max_epochz=3", "did you mean trainer.max_epochs"),
         ("trainer.max_epochs=[", "trainer.max_epochs=["),
         ("trainer.max_epochs=3,4", "is a sweep"),
-        ("-m seed=1,2", "seed=1,2: is a sweep"),
+        ("seed=1,2", "seed=1,2: is a sweep"),
+        ("-m trainer.max_epochs=3", "-m starts a sweep"),
         ("model=lenet", "keeps its config groups"),
     ],
 )
