@@ -54,10 +54,8 @@ def describe(path: Path) -> Described:
     contents = read_checkpoint_file(path)
     checkpoint = build_checkpoint(contents, path)
     evidence = read_evidence(path, checkpoint.config, checkpoint.data)
-    packaged = packaged_name(path)
-    return Described(
-        lean_contents(contents), checkpoint, evidence, read_facts(packaged) if packaged else {}
-    )
+    facts = read_facts(packaged) if (packaged := packaged_name(path)) else {}
+    return Described(lean_contents(contents), checkpoint, evidence, facts)
 
 
 def card_text(of: Described, points: list[str]) -> str:
@@ -97,15 +95,16 @@ def _network(checkpoint: Checkpoint) -> list[str]:
 def _units(checkpoint: Checkpoint) -> list[str]:
     """Return what the numbers mean, and for which car."""
     facts, data = facts_of(checkpoint.network), checkpoint.data
-    rows, columns = checkpoint.view.frame
-    points = [f"Input: RGB frames of {columns} x {rows} pixels, 0..255."]
-    if facts.takes_speed:
-        points.append("Input: speed in miles per hour.")
-    scale = data.get(CURVATURE)
+    scale, rate = data.get(CURVATURE), round(data.get("rows_per_s") or 0, 1) or "unknown"
     curvature = f"; it is the curvature of the path in {scale:.6g} 1/m" if scale else ""
-    points.append(f"Output: steering -1..1, negative is left{curvature}.")
-    if facts.outputs > 1:
-        points.append("Output: throttle -1..1, negative brakes.")
+    points = [
+        "Input: RGB frames of {1} x {0} pixels, 0..255.".format(*checkpoint.view.frame),
+        *["Input: speed in miles per hour."] * facts.takes_speed,
+        *[f"Memory: of earlier frames; frames/s of its recording: {rate}."] * bool(facts.window),
+        f"Output: steering -1..1, negative is left{curvature}.",
+        *["Output: throttle -1..1, negative brakes."] * (facts.outputs > 1),
+        *["Output: logarithm of the steering's standard deviation."] * facts.predicts_spread,
+    ]
     if source := data.get("source"):
         return [*points, f"Rig: that of its recording ({source}); the checkpoint has no numbers."]
     camera = UDACITY.cameras["center"]
@@ -146,7 +145,5 @@ def _training(of: Described) -> list[Block]:
         points.append(f"Training seed: {seed}.")
     if code:
         points.append(f"Code: {code.get('hash')}, commit {code.get('commit') or 'unknown'}.")
-    blocks: list[Block] = [Bullets(points)]
-    if command := of.facts.get("command") or of.evidence.again({}):
-        blocks.append(Code(without_folders(command)))
-    return blocks
+    command = of.facts.get("command") or of.evidence.again({})
+    return [Bullets(points), *([Code(without_folders(command))] if command else [])]

@@ -167,6 +167,19 @@ def test_a_card_says_how_the_view_is_resized(size: str, words: str) -> None:
     assert model_card._network(checkpoint_of("lenet", *keys))[1].endswith(words)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("nvidia_gaussian", ["Output: logarithm of the steering's standard deviation."]),
+        ("pilotnet_stack", ["Memory: of earlier frames; frames/s of its recording: 15.0."]),
+        ("lenet", []),
+    ],
+)
+def test_a_card_names_a_spread_and_a_memory(name: str, words: list[str]) -> None:
+    points = model_card._units(checkpoint_of(name))
+    assert [point for point in points if "deviation" in point or "Memory" in point] == words
+
+
 def test_a_file_that_steers_differently_is_removed(
     checkpoint: Path, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
