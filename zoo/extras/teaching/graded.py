@@ -192,6 +192,7 @@ def grade_class(
             for name in packaged_names()
         }
         grades = [Grade(submission) for submission in submissions]
+        likeness: dict[frozenset[str], str] = {}
         pool = ThreadPoolExecutor(options.jobs)
         with pool, progress_bar("grading", console) as report:
             stop = threading.Event()
@@ -201,7 +202,7 @@ def grade_class(
                 for count, job in enumerate(as_completed(jobs), 1):
                     grades[jobs[job]] = grade = job.result()
                     print_line(console, printable(f"{grade.submission.name}: {grade.status}"))
-                    graded = _compared(Graded(out, grades, options.points), packaged)
+                    graded = _compared(Graded(out, grades, options.points), packaged, likeness)
                     graded.written.extend(_write_marks(graded, suite))
                     report(count / len(jobs))
             except KeyboardInterrupt:
@@ -314,20 +315,31 @@ def _drive(
         raise InputError(problem or f"ended with {process.returncode}")
 
 
-def _compared(graded: Graded, packaged: dict[str, NetworkFacts | None]) -> Graded:
-    """Return the marks with a warning for each copied network and each number of two rows."""
+def _compared(
+    graded: Graded,
+    packaged: dict[str, NetworkFacts | None],
+    likeness: dict[frozenset[str], str],
+) -> Graded:
+    """Return the marks with a warning for each copied network and each number of two rows.
+
+    Args:
+        graded: marks without these warnings.
+        packaged: facts on the networks that come with drivezoo, by name.
+        likeness: likeness of each two names that were compared before; the others are added.
+    """
     facts = packaged | {grade.submission.name: grade.facts for grade in graded.grades}
+    numbers = {grade.submission.name: grade.submission.number for grade in graded.grades}
     grades = []
     for grade in graded.grades:
-        others = {name: network for name, network in facts.items() if name != grade.submission.name}
-        copies = [
-            f"is {likeness} network as {name}"
-            for name, other in others.items()
-            if grade.facts and other and (likeness := grade.facts.likeness(other))
-        ]
-        number, names = grade.submission.number, others.keys() - packaged.keys()
-        if number and grade.status != "waiting":
-            twice = [name for name in sorted(names) if Submission(name, None).number == number]
+        own, copies = grade.submission.name, []
+        for name, other in facts.items():
+            pair = frozenset((own, name))
+            if name != own and grade.facts and other and pair not in likeness:
+                likeness[pair] = grade.facts.likeness(other)
+            if likeness.get(pair):
+                copies.append(f"is {likeness[pair]} network as {name}")
+        if (number := numbers[own]) and grade.status != "waiting":
+            twice = [name for name in sorted(numbers) if numbers[name] == number and name != own]
             copies += [f"has the number {number}, as {name}; keep one" for name in twice[:1]]
         grades.append(replace(grade, warnings=[*grade.warnings, *copies]))
     return replace(graded, grades=grades)
