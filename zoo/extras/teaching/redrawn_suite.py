@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from zoo.base.file_text import yaml_text
+from zoo.base.limits import check_most
 from zoo.results.suite import read_suite_file, road_numbers, suite_path
 from zoo.runs.record_fields import check_fields
 from zoo.simulator.track_names import DRAWN
@@ -33,7 +34,10 @@ def redraw_suite(name: str, seed: int | None, roads: int) -> str:
             ]
             for group, drives in content.get("groups", {}).items()
         }
-    check_fields(type(file), content, f"roads={roads}: name fewer for suite={name}")
+    drawn = check_fields(type(file), content, f"roads={roads}: name fewer for suite={name}")
+    drives = len(drawn.dev) + len(drawn.laps) + sum(map(len, drawn.groups.values()))
+    drives += drawn.roads * sum(map(len, drawn.axes.values()))
+    check_most("drives", drives, f"roads={roads}: suite={name}", "name fewer roads")
     return yaml_text(content)
 
 

@@ -280,6 +280,25 @@ def test_places_of_levels_are_drawn_by_the_seed(tmp_path: Path) -> None:
         InputError, match=r"^roads=20: name fewer for suite=.*own.yaml: roads: .*1000"
     ):
         redraw_suite(str(suite), 5, 20)
+    axes = {f"axis{number}": [{"family": "alpine"} for _ in range(3)] for number in range(2)}
+    suite.write_text(yaml.safe_dump({"name": "own", "axes": axes, "roads": 60}))
+    with pytest.raises(InputError, match=r"^roads=15: suite=.*: has 5,400 drives.*fewer roads"):
+        redraw_suite(str(suite), 5, 15)
+
+
+def test_two_networks_are_compared_once(
+    submitted: Path, suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compare, pairs = NetworkFacts.likeness, []
+
+    def counted(first: NetworkFacts, second: NetworkFacts) -> str:
+        pairs.append(frozenset((id(first), id(second))))
+        return compare(first, second)
+
+    monkeypatch.setattr(graded, "_drive", drive_here)
+    monkeypatch.setattr(NetworkFacts, "likeness", counted)
+    grade(submitted, suite=str(suite), seed=5, out=here / "out")
+    assert len(pairs) == len(set(pairs)) > 3
 
 
 DRIVER = Driver(file="x", sha256="0", model="LeNet", training_seed=1, parameters=1, data="1")
