@@ -1,6 +1,7 @@
 """The format LeRobotDataset 2.0, 2.1 and 3, of drivezoo or of another program."""
 
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -139,7 +140,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
                     raise InputError(f"{source}: timestamp is {time_s:g} s; correct the row")
                 position = round(frame)
             recording.images[row, camera] = StoredImage(str(file), position, reader)
-    return recording
+    # A missing number: no window reaches from one episode into the next.
+    return replace(recording, line=recording.line + episode[recording.line - 1])
 
 
 def _size_fault(folder: Path, info: dict[str, Any], rows: Counter[int]) -> str:

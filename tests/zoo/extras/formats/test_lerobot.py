@@ -23,7 +23,7 @@ from tests.datamodules.test_recording_sizes import notes
 from tests.recordings import Written, convert_to_recording, write_as, write_recording, write_resized
 from tests.refusals import refusal
 from tests.zoo.command_runs import run_here
-from tests.zoo.commands.test_convert import check_rows_and_size
+from tests.zoo.commands.test_convert import check_a_missing_row, check_rows_and_size
 from tests.zoo.extras.formats.rare_recordings import described_images
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import UDACITY
@@ -527,3 +527,9 @@ def test_a_copy_of_another_cars_recording_is_of_that_car(tmp_path: Path) -> None
 
 def test_rows_and_size_are_chosen(recorded: Written, tmp_path: Path) -> None:
     check_rows_and_size("lerobot", recorded, tmp_path)
+
+
+def test_no_window_of_a_dataset_reaches_over_a_missing_row(
+    recorded: Written, tmp_path: Path
+) -> None:
+    check_a_missing_row("lerobot", recorded, tmp_path)
