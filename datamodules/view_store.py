@@ -117,8 +117,7 @@ def load_file(
             ) from error
     views = np.load(target, mmap_mode="r")
     notes = json.loads(_faults_path(target).read_text(encoding="utf-8"))
-    faults = {int(position): fault for position, fault in notes.items()}
-    return ViewFile(views, faults)
+    return ViewFile(views, {int(position): fault for position, fault in notes.items()})
 
 
 def is_stored(target: Path | None) -> bool:

@@ -121,8 +121,7 @@ def constructed(
         mark, inner = mark_of(kind)
         if isinstance(mark, Choice):
             chosen = mark.resolved(name, values)
-            make = mark.functions[chosen[name]]
-            arguments[parameter.name] = _made(make, chosen, f"{name}.")
+            arguments[parameter.name] = _made(mark.functions[chosen[name]], chosen, f"{name}.")
         elif mark is not None:
             below = f"{name}." if isinstance(mark, Section) else prefix
             arguments[parameter.name] = _made(inner, values, below)

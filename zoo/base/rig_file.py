@@ -114,8 +114,7 @@ def rig_fields(rig: Rig) -> dict[str, Any]:
 
 def write_rig(folder: Path, rig: Rig) -> None:
     """Write the rig's file beside a recording; JSON is YAML."""
-    text = json.dumps(rig_fields(rig), indent=2) + "\n"
-    (folder / RIG_NAME).write_text(text, encoding="utf-8")
+    (folder / RIG_NAME).write_text(json.dumps(rig_fields(rig), indent=2) + "\n", encoding="utf-8")
 
 
 def find_rig(folder: Path) -> Rig | None:

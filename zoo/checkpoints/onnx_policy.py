@@ -125,8 +125,7 @@ class OnnxPolicy(SessionPolicy):
             images: images after the view, uint8 [N, H, W, C].
             speed_mph: speeds in mph [N].
         """
-        inputs = self._inputs(images, speed_mph)
-        out = self._run(inputs, *self._first_state(len(images)))[0]
+        out = self._run(self._inputs(images, speed_mph), *self._first_state(len(images)))[0]
         if self.predicts_spread:
             return np.concatenate([out[..., :-1].clip(-1, 1), np.exp(out[..., -1:])], -1)
         return out.clip(-1, 1)

@@ -74,7 +74,8 @@ class Table:
         """
         rows, columns = [{str(name): cell for name, cell in row.items()} for row in rows], []
         for name in dict.fromkeys(name for row in rows for name in row):
-            values = [row.get(name) for row in rows]
+            # NaN is no figure.
+            values = [None if (cell := row.get(name)) != cell else cell for row in rows]
             columns.append(Column(name, name, list(map(_text, values)), {name: values}))
         return cls(columns)
 

@@ -180,8 +180,7 @@ def overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set
             if change.is_sweep_override():
                 raise UsageError(f"{line}: is a sweep; give one value")
             value = None if change.is_delete() else change.value()
-            added = change.is_add() or change.is_force_add()
-            OmegaConf.update(config, key, value, force_add=added)
+            OmegaConf.update(config, key, value, force_add=change.is_add() or change.is_force_add())
             typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", key)))
     OmegaConf.set_struct(config, False)
     return config, typed

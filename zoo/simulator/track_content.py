@@ -112,8 +112,7 @@ def road_content(points: Sequence[Sequence[float]], width: float | None = None) 
                 kept.append(point)
     except (TypeError, ValueError):
         raise InputError("points: each must be x and y, or x, y and z, in metres") from None
-    level = [(*point, 0.0)[:3] for point in kept]
-    return {"points": level, "closed": False, "width": width}
+    return {"points": [(*point, 0.0)[:3] for point in kept], "closed": False, "width": width}
 
 
 def read_survey(given: str, folder: Path) -> np.ndarray:
