@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
@@ -132,7 +132,11 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
         parts: Any = kwargs.pop("parts", None) or []
         try:
             name_parts(map(str, [parts] if isinstance(parts, str | Path) else parts))
-            return function(*args, **kwargs)
+            returned: Any = function(*args, **kwargs)
+            if isinstance(folder := getattr(returned, "folder", None), Path):
+                # A notebook may leave the present folder.
+                returned = replace(returned, folder=folder.absolute())
+            return returned
         except Exception as error:
             # Of this call itself: an argument is missing, or the function does not take it.
             wrong = isinstance(error, TypeError) and not getattr(error.__traceback__, "tb_next", 0)

@@ -117,6 +117,7 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
     assert row["track"] == written["track"] == "lake"
     assert row["cte_mean_m"] == float(written["cte_mean_m"]) > 0
     assert "<!-- lake -->" in (here / "a.svg").read_text(), "a row for each track"
+    assert of_file.folder.is_absolute(), "a notebook may leave the folder"
     assert of_function.table()[0]["cte_mean_m"] == pytest.approx(row["cte_mean_m"], rel=1e-6)
     assert "lake: autonomy" in repr(of_file)
     assert "<table>" in of_file._repr_html_()
@@ -315,6 +316,12 @@ def test_numbers_of_numpy_are_rounded_as_those_of_python(tmp_path: Path) -> None
     row = {"a": 1.234567, "b": np.float32(1.234567), "c": np.int64(1234567)}
     path = drivezoo.write_table([row], tmp_path / "a.md")
     assert path.read_text().splitlines()[-1] == "| 1.235 | 1.235 | 1234567 |"
+
+
+def test_a_figure_that_is_nan_is_empty_as_one_that_is_none_is(tmp_path: Path) -> None:
+    rows = [{"a": math.nan, "b": np.float32("nan"), "c": None, "d": 1.5}]
+    path = drivezoo.write_table(rows, tmp_path / "a.csv")
+    assert path.read_text() == "a,b,c,d\n,,,1.5\n"
 
 
 def test_a_data_frame_is_written_as_its_rows(tmp_path: Path) -> None:
