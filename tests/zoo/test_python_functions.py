@@ -105,6 +105,16 @@ def test_the_tracks_of_an_array_are_driven() -> None:
         drivezoo.evaluate("lenet", track=np.array(["lake", "lagoon"]))
 
 
+def test_arguments_are_named_by_the_words_of_the_signature_too() -> None:
+    for word in ("ckpt", "driver"):
+        with pytest.raises(drivezoo.UsageError, match="laps=x: must be a number"):
+            drivezoo.evaluate(**{word: "lenet"}, laps="x")
+    with pytest.raises(drivezoo.InputError, match="nowhere: no such folder"):
+        drivezoo.replay(driver="lenet", recording="nowhere")
+    with pytest.raises(drivezoo.UsageError, match="not given: CKPT, RECORDING"):
+        drivezoo.replay(recording="nowhere")
+
+
 def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
     path = write_constant(here / "best.ckpt", 0.05)
     files = {"table": "a.csv", "plot": "a.svg"}

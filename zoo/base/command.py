@@ -22,6 +22,7 @@ import functools
 import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar, overload, runtime_checkable
 
@@ -83,9 +84,13 @@ class Command(Generic[Made]):
             UsageError: a key is unknown, or a value has the wrong type or range.
             InputError: see the function; or its result has a problem.
         """
+        # Arguments may have names, too: those of the signature, or `driver` for a checkpoint.
+        words = {"ckpt" if name == "driver" else name: keywords[name] for name in keywords}
+        names = [*inspect.signature(self.function).parameters][len(arguments) : len(self.arguments)]
+        named = [words.pop(name) for name in takewhile(words.__contains__, names)]
         plain = [
             os.fspath(argument) if isinstance(argument, os.PathLike) else argument
-            for argument in arguments
+            for argument in (*arguments, *named)
         ]
         needed = [name for name in self.arguments if name[0] != "["]
         if len(plain) < len(needed):
@@ -93,7 +98,7 @@ class Command(Generic[Made]):
         is_open = self.config or any("..." in name for name in self.arguments)
         if not is_open and len(plain) > len(self.arguments):
             raise UsageError(f"{plain[-1]!s:.80}: {self.name} takes no further arguments")
-        return self._checked(self._run(plain, self._flat(keywords)))
+        return self._checked(self._run(plain, self._flat(words)))
 
     def main(self, words: Sequence[str]) -> None:
         """Run the command with the arguments of a shell."""
