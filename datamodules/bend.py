@@ -44,8 +44,7 @@ def added_steering(
 ) -> np.ndarray:
     """Return the steering that a bend adds, by its curvature and its start ahead of the car."""
     # A command arrives a frame later, and the car needs some metres to turn.
-    due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
-    return due * rig.steering_of(curvature)
+    return np.interp(begin, [1.0, 3.0], [1.0, 0.0]) * rig.steering_of(curvature)
 
 
 def metres_aside(

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium
+import hydra
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -84,6 +85,14 @@ def test_a_training_keeps_the_users_logging(
     assert logging.root.handlers == [handler]
     assert Path("mine.log").read_text() == "kept\n"
     handler.close()
+
+
+def test_a_training_while_hydra_is_in_use_is_one_line(tmp_path: Path) -> None:
+    with (
+        hydra.initialize_config_dir(str(tmp_path), version_base="1.3"),
+        pytest.raises(drivezoo.InputError, match="Hydra: is in use in this process"),
+    ):
+        drivezoo.train(model="linear", data={"root": "laps"})
 
 
 @pytest.mark.parametrize(

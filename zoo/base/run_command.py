@@ -177,8 +177,7 @@ def version_line() -> str:
 
     from zoo.base import __version__
 
-    python = sys.version.split()[0]
-    return f"drivezoo {__version__} (Python {python}, torch {version('torch')})"
+    return f"drivezoo {__version__} (Python {sys.version.split()[0]}, torch {version('torch')})"
 
 
 def was_stopped(error: BaseException | None) -> bool:

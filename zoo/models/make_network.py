@@ -44,8 +44,7 @@ def published_view(config: dict) -> View:
     A model with `size: null` is published for the whole frame.
     """
     model = config["model"]
-    crop = config["data"]["crop"] if model["size"] else [0, 0]
-    return view_of(model, crop)
+    return view_of(model, config["data"]["crop"] if model["size"] else [0, 0])
 
 
 class FileNetwork(nn.Module):

@@ -59,7 +59,6 @@ def drive_suite(
     # Laps take longest: begun last, they would leave the other processes without work.
     order = sorted(set(range(len(jobs))) - set(drives), key=lambda job: jobs[job][1].group != LAPS)
     files = [drivers[jobs[number][0]].file for number in order]
-    is_baseline = bool(files) and files[0] in BASELINES
     for index, drive in run_drives(
         [_driver(file, mean_steering) for file in files],
         [jobs[number][1].scenario for number in order],
@@ -67,7 +66,7 @@ def drive_suite(
         what=f"driving {counted(len(order), 'road')}",
         console=console,
         # Other renderers draw other frames: the digest would depend on the machine.
-        renderer="none" if is_baseline else "software",
+        renderer="none" if files and files[0] in BASELINES else "software",
         first_only=[jobs[number][1].level > 0 for number in order],
         executor=executor,
     ):

@@ -9,7 +9,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from zoo.base.compose import conf_folder, quote
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, library_errors
 from zoo.base.process_ranks import is_first_process, needs_processes
 from zoo.base.terminal import command_line
 from zoo.runs.status import claim_run, read_status
@@ -35,7 +35,7 @@ def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None], logs
         logs: whether Hydra sets the handlers of Python's `logging`; a notebook keeps its own.
 
     Raises:
-        InputError: the folder holds a run, or another process trains there.
+        InputError: the folder holds a run, another process trains there, or Hydra is in use here.
         OSError: the folder cannot be created.
     """
     import hydra
@@ -44,7 +44,9 @@ def run_in_folder(arguments: list[str], task: Callable[[DictConfig], None], logs
     from hydra.core.utils import run_job
     from hydra.types import HydraContext, RunMode
 
-    with hydra.initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+    with library_errors("Hydra", "is in use in this process", "end the other training"):
+        composing = hydra.initialize_config_dir(str(conf_folder().resolve()), version_base="1.3")
+    with composing:
         config = hydra.compose("config", arguments, return_hydra_config=True)
         with _claimed_folder(arguments, config) as claimed:
             sys.argv = [sys.argv[0], *claimed]

@@ -164,8 +164,7 @@ def _worst(run: ReportedDrives, track: str, drives: list[WrittenDrive]) -> list[
             f"{row.cross_track_m:+.2f} m, steering {row.steering + 0.0:+.2f}, "
             f"{row.speed_mph:.0f} mph"
         )
-        name = f"{drives[0].folder.name}_worst_{number}.jpg"
-        images.append(Image.jpeg(name, frame, caption))
+        images.append(Image.jpeg(f"{drives[0].folder.name}_worst_{number}.jpg", frame, caption))
     return [
         Heading(f"Worst moments on the {track}"),
         Text(
