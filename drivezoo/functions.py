@@ -356,7 +356,7 @@ def read_run(folder: str | Path) -> Training:
     Raises:
         InputError: the folder has no figures of a finished run.
     """
-    return Training.read(folder)
+    return Training.read(convert("folder", str, folder))
 
 
 @one_line_errors
@@ -368,7 +368,7 @@ def read_benchmark(path: str | Path) -> Benchmarked:
     """
     from zoo.results.benchmarked import Benchmarked
 
-    return Benchmarked.read(path)
+    return Benchmarked.read(convert("path", str, path))
 
 
 @one_line_errors

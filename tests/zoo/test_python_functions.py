@@ -164,6 +164,8 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.drive(None), drivezoo.UsageError, "None: is no path"),
         (lambda: drivezoo.replay("lenet", None), drivezoo.UsageError, "None: is no path"),
         (lambda: drivezoo.results(["a", "b"]), drivezoo.UsageError, "['a', 'b']: is no path"),
+        (lambda: drivezoo.read_run(None), drivezoo.UsageError, "folder=null: must be text"),
+        (lambda: drivezoo.read_benchmark(None), drivezoo.UsageError, "path=null: must be text"),
         (lambda: drivezoo.read_run("a.ckpt"), drivezoo.InputError, "a.ckpt: has no metrics.json;"),
         (lambda: drivezoo.results([np.eye(2)]), drivezoo.UsageError, "[0., 1.]])]: is no path"),
         (lambda: drivezoo.evaluate([np.eye(2)]), drivezoo.UsageError, "[0., 1.]])]: is no driver"),

@@ -23,8 +23,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from zoo.base.errors import InputError
-from zoo.base.key_values import constructed
+from zoo.base.errors import InputError, library_errors
+from zoo.base.key_values import constructed, convert
 from zoo.base.rig import UDACITY
 from zoo.simulator import udacity_car as rig
 from zoo.simulator.reward import REWARDS, TERMINATIONS, Info, Reward, Termination, named_function
@@ -114,11 +114,14 @@ class DrivingEnv(gymnasium.Env):
             ("height", height, *rig.PIXELS),
             ("vertical_fov_deg", vertical_fov_deg, *rig.FOV_DEG),
         ):
-            if not isinstance(value, int | float | np.number) or not least <= value <= most:
-                limit = "or more; inf for no limit" if most == math.inf else f"to {most:g}"
+            kind = int | np.integer if most == rig.PIXELS[1] else int | float | np.number
+            if not isinstance(value, kind) or not least <= value <= most:
+                whole = ", a whole number" * (most == rig.PIXELS[1])
+                limit = "or more; inf for no limit" if most == math.inf else f"to {most:g}{whole}"
                 raise InputError(f"{name}={value}: must be {least:g} {limit}")
         self.metadata = {**self.metadata, "render_fps": frame_rate}
-        self.weather, self.random_start = read_weather(weather), random_start
+        self.random_start = convert("random_start", bool, random_start)
+        self.weather = read_weather(weather)
         self.render_mode, self.laps, self.off_road_s = render_mode, laps, off_road_s
         self.max_seconds = (laps or 1) * SECONDS_PER_LAP if max_seconds is None else max_seconds
         self.reward = named_function("reward", reward, REWARDS)
@@ -162,6 +165,7 @@ class DrivingEnv(gymnasium.Env):
             InputError: an option is unknown, its value is not allowed, or no renderer opens on this
                 machine.
         """
+        seed = convert("seed", int | None, seed)
         super().reset(seed=seed)
         options = dict(options or {})
         weather = read_weather(options.pop("weather", self.weather))
@@ -193,7 +197,8 @@ class DrivingEnv(gymnasium.Env):
             InputError: the action is not two finite numbers, or no episode has begun.
         """
         world = self._begun()
-        action = np.asarray(action, float)
+        with library_errors("action", "is no array of numbers", "give two finite numbers"):
+            action = np.asarray(action, float)
         if action.shape != (2,) or not np.isfinite(action).all():
             raise InputError(f"action={action.tolist()}: must be two finite numbers")
         world.step(*action.tolist())

@@ -76,8 +76,8 @@ def named_function(key: str, value: str | Chosen, functions: dict[str, Chosen]) 
     Raises:
         InputError: there is no such name.
     """
-    if not isinstance(value, str):
+    if callable(value):
         return value
-    if value not in functions:
-        raise InputError(f"{key}={value}: {hint(value, [*functions, 'a function'])}")
-    return functions[value]
+    if str(value) not in functions:
+        raise InputError(f"{key}={value}: {hint(str(value), [*functions, 'a function'])}")
+    return functions[str(value)]

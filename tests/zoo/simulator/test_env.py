@@ -301,6 +301,9 @@ def test_it_renders_what_was_last_seen(opened):
         ({"track": Path("lagoon")}, "no track lagoon"),
         ({"laps": "2"}, "laps=2: must be 1 or more"),
         ({"width": 4}, "width=4: must be 8 to 1024"),
+        ({"width": 10.5}, "width=10.5: must be 8 to 1024, a whole number"),
+        ({"reward": 3}, "reward=3: available: progress"),
+        ({"random_start": "never"}, "random_start=never: must be true or false"),
         ({"vertical_fov_deg": 0}, "vertical_fov_deg=0: must be 1 to 170"),
         ({"reward": "donkey"}, "reward=donkey: did you mean donkeycar"),
         ({"termination": "lap"}, "termination=lap: available: off_road, donkeycar, carracing"),
@@ -333,11 +336,11 @@ def test_an_episode_begins_with_a_reset(opened, call):
         env.close()
 
 
-@pytest.mark.parametrize("action", [[np.nan, 0], [0.1], [0, np.inf]])
+@pytest.mark.parametrize("action", [[np.nan, 0], [0.1], [0, np.inf], "left"])
 def test_an_action_is_two_finite_numbers(opened, action):
     env = opened()
-    env.reset(seed=0)
-    assert "must be two finite numbers" in refusal(env.step, action)
+    env.reset(seed=np.int64(0))
+    assert "two finite numbers" in refusal(env.step, action)
 
 
 SETTINGS = {"renderer": "software", "weather": "random", "random_start": True, "cameras": "all"}
