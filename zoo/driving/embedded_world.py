@@ -42,8 +42,7 @@ class EmbeddedWorld(World):
         world = self.simulated
         world.reset(scenario.seed, start_of(world, scenario), read_weather(scenario.weather))
         self._expert, self._laps = None, scenario.laps
-        slowest_mph = SLOWEST * scenario.speed
-        self._longest_s = world.drive_m(scenario.laps) / (slowest_mph * MPS_PER_MPH)
+        self._longest_s = world.drive_m(scenario.laps) / (SLOWEST * scenario.speed * MPS_PER_MPH)
         return self._state()
 
     def frame(self, camera: str = "center") -> np.ndarray | None:

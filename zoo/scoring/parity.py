@@ -180,8 +180,7 @@ def _frames_of(folder: str | list[str], count: int, said: Mapping[str, Any]) -> 
             frames.append(read_image(path))
         except (OSError, ValueError) as error:
             raise InputError(f"{recording.place(row)}: {path}: {error}") from None
-    source = f"of {', '.join(recording.names)}"
-    return Frames(frames, recording.speed_mph[rows].tolist(), source)
+    return Frames(frames, recording.speed_mph[rows].tolist(), f"of {', '.join(recording.names)}")
 
 
 def _rendered_frames() -> Frames:
