@@ -91,8 +91,7 @@ class Saliency:
         batch = make_batch(self.view(frame)[None], nothing, nothing, np.array([speed_mph]))
         find = self._visual_back_prop if self.has_maps else self._smooth_gradient
         with torch.enable_grad():
-            where = find(batch["images"].float(), batch["speed"])
-            return self._in_frame(where, *frame.shape[:2])
+            return self._in_frame(find(batch["images"].float(), batch["speed"]), *frame.shape[:2])
 
     def _visual_back_prop(self, images: Tensor, speed: Tensor) -> Tensor:
         self.stages.clear()

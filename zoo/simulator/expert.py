@@ -149,8 +149,7 @@ class Expert:
         hold = (DRAG_PER_S * speed + GRAVITY_MPS2 * grade) * MASS_KG / DRIVE_N
         wish = hold + THROTTLE_PER_MPS * (limit - speed)
         # At low speed a negative throttle would reverse the car.
-        lowest = 0.0 if speed < SLOWEST_MPS else -1.0
-        return float(np.clip(wish, lowest, 1))
+        return float(np.clip(wish, 0.0 if speed < SLOWEST_MPS else -1.0, 1))
 
 
 def speed_limits(track: Track, settings: ExpertSettings, direction: int) -> np.ndarray:

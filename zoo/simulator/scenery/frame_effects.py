@@ -79,8 +79,7 @@ class Air:
         self.bonnets = {
             name: _bonnet_rows(name) for name, camera in rig.cameras.items() if camera.own_car
         }
-        gain = np.arange(256) * weather.brightness
-        self.exposure = np.clip(gain, 0, 255).astype(np.uint8)
+        self.exposure = np.clip(np.arange(256) * weather.brightness, 0, 255).astype(np.uint8)
         first = next(iter(rig.cameras.values()))
         self.fog = _fog_share(weather.fog, first) if weather.fog else None
 

@@ -104,8 +104,7 @@ def join_materials(meshes: Sequence[Mesh]) -> list[Mesh]:
 
 def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
     """Cut a mesh into squares of `cell_m`, so that a renderer can skip those out of sight."""
-    middles = mesh.points[mesh.triangles].mean(1)[:, :2]
-    cells = np.floor(middles / cell_m).astype(int)
+    cells = np.floor(mesh.points[mesh.triangles].mean(1)[:, :2] / cell_m).astype(int)
     _, number = np.unique(cells, axis=0, return_inverse=True)
     number = number.reshape(-1)
     pieces = []

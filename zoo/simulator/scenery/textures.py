@@ -117,8 +117,7 @@ def _cobbles(rng: np.random.Generator) -> np.ndarray:
     grid = (np.mgrid[0:SIZE, 0:SIZE].reshape(2, -1).T + 0.5) / SIZE * (rows, columns)
     apart, nearest = cKDTree(wrapped).query(grid, k=2, p=1)
     stone = tones[nearest[:, 0] % len(tones)]
-    joint = apart[:, 1] - apart[:, 0] < 0.16
-    grey = np.where(joint, 0.20, stone).reshape(SIZE, SIZE)
+    grey = np.where(apart[:, 1] - apart[:, 0] < 0.16, 0.20, stone).reshape(SIZE, SIZE)
     return _to_texture("cobbles", cv2.GaussianBlur(grey, (5, 5), 0) + 0.05 * _noise(rng, 1))
 
 
