@@ -16,7 +16,6 @@ from zoo.base.parts import typed_parts
 from zoo.base.run_command import was_stopped
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file, trained_epochs
-from zoo.models.frame_window import Window
 from zoo.runs.status import read_status
 from zoo.training.host_settings import AUTO
 from zoo.training.obeyed_keys import unobeyed
@@ -24,9 +23,7 @@ from zoo.training.run_module import RunModule, callbacks_of
 from zoo.training.steering_module import SteeringModule
 
 # Keys that a user may edit in a stopped run: callbacks, and files that are read or compared.
-# An earlier drivezoo had no windows in `data`; those of a network are in `model`, too.
-UNTRAINED = ["callbacks.", "data.record.", "data.rig", "data.split", "model.weights"]
-UNTRAINED += [f"data.{name}" for name in vars(Window())]
+UNTRAINED = ("callbacks.", "data.record.", "data.rig", "data.split", "model.weights")
 
 
 @contextmanager
@@ -163,7 +160,8 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
         )
     then, now = (dict(typed_keys(facts["config"])) for facts in (checkpoint["drivezoo"], card))
     for key, (was, value) in unobeyed(then, now).items():
-        if AUTO not in (was, value) and not key.startswith(tuple(UNTRAINED)):
+        # A later drivezoo has further keys.
+        if key in then and AUTO not in (was, value) and not key.startswith(UNTRAINED):
             raise InputError(
                 f"{folder / '.hydra' / 'config.yaml'}: {key} is {value}, and was {was} in the "
                 f"finished epochs; set it to that, or start a new run with model.weights={last}"

@@ -193,7 +193,6 @@ def test_a_key_that_the_finished_epochs_forbid_is_refused(
     ("section", "key", "value"),
     [
         ("optim", "lr", 1e-9),
-        ("optim", "weight_decay", 0.5),
         ("data", "batch_size", 7),
         ("loss", "_target_", "torch.nn.L1Loss"),
         ("model", "_target_", "zoo.models.lenet.LeNet"),
