@@ -17,13 +17,10 @@ class Registry(Mapping[str, Entry]):
 
     Args:
         kind: kind of the entries in a word, such as `metric`.
-
-    Attributes:
-        failed: users' functions whose failure was printed.
     """
 
     def __init__(self, kind: str) -> None:
-        self.kind, self.failed = kind, set[object]()
+        self.kind = kind
         self._entries: dict[str, tuple[str, Entry]] = {}  # module and entry, by name
 
     def add(self, name: str, entry: Entry, module: str) -> None:

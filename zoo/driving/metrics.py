@@ -104,6 +104,7 @@ class Metric:
 
 
 METRICS: Registry[Metric] = Registry("metric")  # by name, in the order of tables and files
+_FAILED: set[Function] = set()  # users' functions whose failure was printed
 
 
 def metric(
@@ -155,9 +156,9 @@ def _figure(metric: Metric, drive: Drive) -> float | None:
             raise
         kind = f"{metric.function.__module__}: {type(error).__name__}"
         reason = part_failure(error) or f"{kind}: {error}; return a number"
-        if metric.function not in METRICS.failed:  # a line for each drive tells no more
+        if metric.function not in _FAILED:  # a line for each drive tells no more
             print(f"metric {metric.name} is unknown: {reason}", file=sys.stderr)
-        METRICS.failed.add(metric.function)
+        _FAILED.add(metric.function)
         return math.nan
 
 
