@@ -217,7 +217,7 @@ def test_a_layer_is_named_as_in_the_state_dict() -> None:
 @pytest.mark.parametrize(
     "name",
     ["int.c", "1net.c", "my net.c", "view.c", "läufer.c", "Frame.c", "row_at.c", "weights_5.c"]
-    + ["NULL.c", "printf.c", "_Bool.c", "INT32_C.c", "sinf.c", "strlen.c", "time.c", "isnan.c"],
+    + ["NULL.c", "_Bool.c", "INT32_C.c"],
 )
 def test_a_name_that_c_refuses_is_refused(name: str) -> None:
     with pytest.raises(UsageError, match=r"steer\.c"):
