@@ -11,7 +11,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from zoo.base.bounded_files import open_text, read_json
+from zoo.base.bounded_files import hash_file, open_text, read_json
 from zoo.base.entry_points import load_entry, named_entries
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.limits import check_most, is_ordinary
@@ -162,8 +162,7 @@ class TableKind:
         for number, row in enumerate(content, 1):
             cells = {key: row[name] if name else None for key, name in columns.items()}
             texts = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
-            place = f"line {row.line}" if isinstance(row, Row) else f"rollout {number}"
-            where = f"{path}: {place}"
+            where = f"{path}: {f'line {row.line}' if isinstance(row, Row) else f'rollout {number}'}"
             value = _number(_score(row, score, path), where)
             if score == "success" and value not in (0, 1):
                 raise InputError(f"{where}: success is {value:g}, not 0 or 1; name it score")
@@ -220,7 +219,7 @@ def read_policies(
     Files of one name are trainings of one policy.
 
     Raises:
-        InputError: see `read_file`, a file is named twice, or there are fewer than two policies.
+        InputError: see `read_file`, a file is there twice, or there are fewer than two policies.
         UsageError: see `read_file`, there is not one name for each file or a file of several
             policies has a name, or one file has successes and another has other scores.
     """
@@ -229,6 +228,7 @@ def read_policies(
     policies: dict[str, list[Rollout]] = {}
     notes: list[str] = []
     successes: dict[bool | None, Path] = {}  # a file for each
+    files: set[object] = set()  # of two policies that scored alike, contents may be equal
     for number, path in enumerate(paths):
         rollouts, more, is_won = read_file(path, wanted)
         notes += more
@@ -243,15 +243,15 @@ def read_policies(
             name = names[number] if names else row.policy or str(path)
             training = row.training or (str(path) if names.count(name) > 1 else "")
             policies.setdefault(name, []).append(replace(row, policy=name, training=training))
+        same = {(file := rollouts_path(path)).resolve(), (name, hash_file(file))}
+        if not files.isdisjoint(same):
+            raise InputError(f"{path}: is named twice, or a copy; name each file once")
+        files |= same
     if {True, False} <= successes.keys() and not wanted.score:
         raise UsageError(
             f"{successes[True]}: has successes, {successes[False]} other scores; name the score "
             "that all files have with score=NAME"
         )
-    files = [rollouts_path(path).resolve() for path in paths]
-    for number, path in enumerate(paths):
-        if files[number] in files[:number]:
-            raise InputError(f"{path}: is named twice; name each file once")
     if len(policies) < 2:
         raise InputError(
             f"{paths[0]}: one policy alone; name a second file, or the column with the policies' "

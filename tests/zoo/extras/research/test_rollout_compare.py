@@ -113,7 +113,7 @@ def test_seeds_that_no_two_policies_share_are_noted(ending: str, tmp_path: Path)
 
 
 def test_files_of_one_name_are_trainings(tmp_path: Path, won: np.ndarray) -> None:
-    files = [lerobot(tmp_path / f"{n}.json", list(won[n % 2])) for n in range(4)]
+    files = [lerobot(tmp_path / f"{n}.json", [*np.roll(won[n % 2], n)]) for n in range(4)]
     result = drivezoo.compare(*files, names="act,pi, act, pi", out=tmp_path / "out.json")
     assert list(result.policies) == ["act", "pi"]
     assert {row.training for row in result.policies["act"]} == {str(files[0]), str(files[2])}
@@ -133,9 +133,10 @@ def test_one_name_is_not_that_of_several_policies(tmp_path: Path) -> None:
 def test_a_file_counts_once(tmp_path: Path, won: np.ndarray) -> None:
     file = lerobot(tmp_path / "a" / "eval_info.json", list(won[0]))
     other = lerobot(tmp_path / "b" / "eval_info.json", list(won[1]))
-    for names in ("act,act,pi", None):
-        with pytest.raises(InputError, match=f"{file}: is named twice"):
-            drivezoo.compare(file.parent, file, other, names=names, out=tmp_path / "out.json")
+    copy = lerobot(tmp_path / "copy.json", list(won[0]))
+    for names, again in (("act,act,pi", file), (None, file), ("act,act,pi", copy)):
+        with pytest.raises(InputError, match=f"{again}: is named twice, or a copy"):
+            drivezoo.compare(file.parent, again, other, names=names, out=tmp_path / "out.json")
 
 
 def test_paired_trainings_are_compared_on_the_scenes_that_they_share(tmp_path: Path) -> None:
