@@ -95,6 +95,7 @@ class Timing(Result):
     def result_table(self) -> Table:
         """Return a row for the measured times, and for each improvement."""
         names, times = list(self.speeds), self.times.values()
+        delays = [time.delay_ms + 1000 * self.options.delay_s for time in times]
         speeds = [_median(speed) for speed in self.speeds.values()]
         gains = [self.gain(name) for name in names]
         least = [min(speed) for speed in self.speeds.values()]
@@ -102,7 +103,7 @@ class Timing(Result):
         columns = [
             Column("times", "loop times", names),
             number_column("rate_hz", "frames/s", [time.rate_hz for time in times], "{:.1f}"),
-            number_column("delay_ms", "delay, ms", [time.delay_ms for time in times], "{:.0f}"),
+            number_column("delay_ms", "delay, ms", delays, "{:.0f}"),
             self._bounded(highest, [speed.value for speed in speeds]),
             interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
             self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}"), least),

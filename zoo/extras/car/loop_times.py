@@ -200,9 +200,8 @@ def _of_profile(path: str, text: str, rate: float, part: str | None) -> LoopTime
     pilot = parts[part]
     others_ms = sum(times["avg"] for name, times in parts.items() if name != part)
     shares = np.random.default_rng(0).permutation((np.arange(DRAWN) + 0.5) / DRAWN)
-    points = [pilot[name] for name in QUANTILES]
-    drawn = np.interp(shares, list(QUANTILES.values()), np.maximum.accumulate(points))
-    latency_ms = drawn + others_ms
+    points = np.maximum.accumulate([pilot[name] for name in QUANTILES])
+    latency_ms = others_ms + np.interp(shares, list(QUANTILES.values()), points)
     loop_ms = np.maximum(latency_ms, 1000 / rate)
     words = f"Donkeycar's profile: {part} ({chosen}) and {others_ms:.1f} ms of the other parts"
     return _checked(path, loop_ms, latency_ms, words=words)

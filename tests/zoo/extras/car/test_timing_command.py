@@ -19,9 +19,9 @@ from zoo.extras.car.loop_times import LoopTimes
 from zoo.extras.car.timing_options import TimingOptions
 
 
-def timing_of(speeds: dict[str, list[int]]) -> Timing:
+def timing_of(speeds: dict[str, list[int]], delay_s: float = 0.0) -> Timing:
     times = LoopTimes("times.csv", np.full(9, 100.0), np.full(9, 90.0), np.zeros(9, bool))
-    return Timing("lenet", TimingOptions(), dict.fromkeys(speeds, times), speeds)
+    return Timing("lenet", TimingOptions(delay_s=delay_s), dict.fromkeys(speeds, times), speeds)
 
 
 def test_the_highest_clean_speed_is_found_by_bisection(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,10 +50,11 @@ def test_only_a_sure_improvement_is_advised() -> None:
     unsurely = timing_of({MEASURED: measured, "no jitter": unsure, "both": better})
     assert "no single improvement" in unsurely.advice
     assert "nothing to improve" in timing_of({MEASURED: [30] * 8, "both": [30] * 8}).advice
-    slow = timing_of({MEASURED: [4] * 8, "both": [4] * 8})
+    slow = timing_of({MEASURED: [4] * 8, "both": [4] * 8}, delay_s=0.1)
     assert "up to less than 5 mph on the median" in slow.lines[0]
     cells = {column.name: column.cells for column in slow.result_table().columns}
     assert cells["speed_mph"] == cells["every_road_mph"] == ["below 5"] * 2
+    assert cells["delay_ms"] == ["190"] * 2, "with that of the camera and the servo"
 
 
 def test_a_search_writes_figures_and_plot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
