@@ -137,7 +137,8 @@ def make_plan(
 
 
 def _threads(parameters: int, processes: int) -> int:
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    # Slurm may leave all cores of a node to each task.
+    wanted = os.environ.get("OMP_NUM_THREADS") or os.environ.get("SLURM_CPUS_PER_TASK", "")
     cores = int(wanted) if wanted.isdigit() else usable_cores() // processes
     return 1 if parameters < TINY_PARAMETERS else max(1, cores)
 

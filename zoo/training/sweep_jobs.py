@@ -2,7 +2,6 @@
 
 import contextlib
 import multiprocessing
-import os
 import signal
 import subprocess
 import sys
@@ -289,8 +288,6 @@ def _train(config: DictConfig, folder: Path) -> None:
         from zoo.training.run import run_experiment
 
     threads = torch.get_num_threads()
-    # On a node of Slurm torch would use all cores.
-    torch.set_num_threads(int(os.environ.get("SLURM_CPUS_PER_TASK", threads)))
     try:
         run_experiment(config, folder, resume=True, bf16=read_record(folder.parent).bf16)
     finally:

@@ -156,6 +156,13 @@ def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> 
     assert config == before
 
 
+def test_a_task_of_slurm_has_the_threads_of_its_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", "3")
+    for typed, threads in (("", 3), ("5", 5)):
+        monkeypatch.setenv("OMP_NUM_THREADS", typed)
+        assert plan._threads(plan.TINY_PARAMETERS, 2) == threads
+
+
 def test_a_plan_prints_as_a_line() -> None:
     cpu = plan.TrainingPlan(torch.device("cpu"))
     assert cpu.line() == "plan: 32-true on cpu, 1 thread"
