@@ -10,11 +10,12 @@ from eventlet.greenthread import GreenThread
 
 from zoo.base.errors import InputError
 from zoo.base.rig import UDACITY
+from zoo.driving.drive_record import FALLBACK
 from zoo.driving.scenario import Scenario
 from zoo.driving.world import State
 from zoo.extras.donkey.donkey_world import DonkeyWorld
 from zoo.server.driven_simulator import DrivenSimulator
-from zoo.server.driver import Driver
+from zoo.server.driver import GENTLE_BRAKE, Driver
 from zoo.server.telemetry_message import PUT_BACK
 
 
@@ -53,14 +54,13 @@ class DonkeyClient(DrivenSimulator):
         return self._failure
 
     def _run(self) -> None:
-        address = self._scenario.track
         try:
-            with closing(DonkeyWorld(address, socket)) as world:
+            with closing(DonkeyWorld(self._scenario.track, socket)) as world:
                 self._drive(world)
         except InputError as error:
             self._failure = str(error)
         finally:
-            self._driver.disconnect(address)
+            self._driver.disconnect(self._scenario.track)
 
     def _drive(self, world: DonkeyWorld) -> None:
         state = world.reset(self._scenario)
@@ -75,7 +75,9 @@ class DonkeyClient(DrivenSimulator):
             if PUT_BACK in reply.values:
                 state = world.put_back(float(reply.values[PUT_BACK]))
             else:
-                state = world.step(reply.row.steering, reply.row.throttle)
+                # Here a brake reverses no car, also at speeds at which the driver does not brake.
+                stop = self._driver.paused or reply.row.driver == FALLBACK
+                state = world.step(reply.row.steering, GENTLE_BRAKE if stop else reply.row.throttle)
             eventlet.sleep(0)  # the page is served, however fast the simulator is
 
     def _telemetry(self, world: DonkeyWorld, state: State) -> dict[str, object]:

@@ -24,7 +24,8 @@ from zoo.driving.open_world import world
 from zoo.driving.scenario import SIMULATED, Scenario
 from zoo.driving.world import State, World
 
-ADDRESS = re.compile(r"(?:(?P<host>[\w.-]+)(?::(?P<port>\d{1,5}))?/)?(?P<scene>\w+(?::\d{1,10})?)")
+SERVER = r"(?P<host>[\w.-]+|[\w.:%\[\]-]+(?=:\d{1,5}/))(?::(?P<port>\d{1,5}))?"  # IPv6 with a port
+ADDRESS = re.compile(rf"(?:{SERVER}/)?(?P<scene>\w+(?::\d{{1,10}})?)")
 HOST, PORT = "127.0.0.1", 9091
 START = "start it, or: drivezoo simulator serve"
 SILENT_S = 20.0  # for a simulator to answer; it loads a scene in seconds
@@ -73,13 +74,12 @@ class DonkeyWorld(World):
         if parts is None:
             raise InputError(f"{address}: write HOST:PORT/SCENE, such as generated_track")
         self.address = address
-        target = parts["host"] or HOST, int(parts["port"] or PORT)
+        host, port = (parts["host"] or HOST).strip("[]"), int(parts["port"] or PORT)
         try:
-            self._socket = sockets.create_connection(target, SILENT_S)
+            self._socket = sockets.create_connection((host, port), SILENT_S)
         except (OSError, UnicodeError) as error:
-            reason = getattr(error, "strerror", None) or "no answer"
-            where = "{}:{}".format(*target)
-            raise InputError(f"{address}: no simulator at {where} ({reason}); {START}") from None
+            why = getattr(error, "strerror", None) or "no answer"
+            raise InputError(f"{address}: no simulator at {host}:{port} ({why}); {START}") from None
         self._lines, self._crossings = self._socket.makefile("rb"), 0
         try:
             self._load(parts["scene"])
@@ -141,8 +141,7 @@ class DonkeyWorld(World):
         return super().facts(scenario) | {"source": "donkey", "track": scenario.track}
 
     def _load(self, scene: str) -> None:
-        first = self._wait_for("scene_selection_ready", "car_loaded")
-        if first["msg_type"] == "car_loaded":
+        if self._wait_for("scene_selection_ready", "car_loaded")["msg_type"] == "car_loaded":
             self._send("exit_scene")
             self._wait_for("scene_selection_ready")
         self._send("get_scene_names")

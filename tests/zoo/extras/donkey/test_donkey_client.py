@@ -23,6 +23,7 @@ from zoo.driving.drive_log import read_drive
 from zoo.driving.speed_controller import Constant, SteeringFilter
 from zoo.extras.donkey.donkey_client import DonkeyClient
 from zoo.extras.donkey.donkey_server import serve_clients
+from zoo.extras.donkey.donkey_world import DonkeyWorld
 from zoo.extras.donkey.serve_options import ServeOptions
 from zoo.server.drive_writer import BackgroundWriter
 from zoo.server.driver import Driver
@@ -68,15 +69,20 @@ def test_a_failing_simulator_leaves_a_line_and_the_drive(tmp_path: Path, put_bac
     assert put_back == ("set_position" in {message["msg_type"] for message in received})
 
 
-@pytest.mark.parametrize("image", ["", "AAAA", None])
-def test_a_damaged_image_is_braked_for(tmp_path: Path, image: str | None) -> None:
+@pytest.mark.parametrize(
+    ("image", "mps", "paused"), [("", 9.0, False), ("AAAA", 1.0, False), (None, 1.0, True)]
+)
+def test_a_pause_and_a_damaged_image_are_braked_for(
+    tmp_path: Path, image: str | None, mps: float, paused: bool
+) -> None:
     def change(number: int, message: dict) -> dict | None:
         damaged = {"image": image} if number == 5 else {}
-        return message | {"speed": 9.0} | damaged if number < 10 else None
+        return message | {"speed": mps} | damaged if number < 10 else None
 
     notices = Notices(lambda line: None)
     writer = BackgroundWriter(tmp_path / "drive", notices, "oval")
     driver = Driver(red_policy, Constant(0.2), SteeringFilter(), writer, notices)
+    driver.paused = paused
     with donkey_replica(change) as (address, received):
         client = DonkeyClient(driver, address, 1, put_back=True)
         client.start()
@@ -84,7 +90,7 @@ def test_a_damaged_image_is_braked_for(tmp_path: Path, image: str | None) -> Non
             eventlet.sleep(0.01)
     assert (driver.tally.telemetry, driver.tally.fallbacks) == (9, 1)
     braked = [message["brake"] for message in received if message["msg_type"] == "control"]
-    assert braked[6] == "0.2"
+    assert braked[5:7] == ["0.2" if paused else "0.0", "0.2"]
 
 
 def test_a_network_of_curvature_is_refused_in_an_unknown_car(tmp_path: Path) -> None:
@@ -108,9 +114,9 @@ def test_an_address_that_cannot_be_listened_on_is_named(host: str | None, reason
             serve_clients(ServeOptions(host=host, port=port))
 
 
-def test_an_address_of_ipv6_is_listened_on() -> None:
+def test_an_address_of_ipv6_is_listened_on_and_connected_to() -> None:
     with donkey_simulator("host=::1") as (port, _):
-        socket.create_connection(("::1", port), 5).close()
+        DonkeyWorld(f"::1:{port}/lake").close()
 
 
 def test_two_simulators_at_once_are_refused(tmp_path: Path) -> None:
