@@ -21,6 +21,7 @@ import hydra
 import matplotlib as mpl
 import numpy as np
 import pytest
+import torch
 
 import drivezoo
 from drivezoo.functions import Training
@@ -412,7 +413,12 @@ def test_a_function_takes_the_users_own_parts(
 
 
 def test_the_quickstart_trains_and_drives(recorded: Written, here: Path) -> None:
+    torch.set_num_threads(threads := torch.get_num_threads() + 1)
+    torch.use_deterministic_algorithms(False)
     variables = run_notebook("quickstart.ipynb", RECORDING=str(recorded.folder), **TINY)
+    assert torch.get_num_threads() == threads, "the cells after a training are the user's"
+    assert not torch.are_deterministic_algorithms_enabled()
+    torch.set_num_threads(threads - 1)
     assert variables["rows"][0]["drives"] == 1
     assert variables["run"].checkpoint.is_file()
     assert "autonomy" in (here / "driving.tex").read_text()

@@ -3,9 +3,11 @@
 import json
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import lightning
+import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -59,7 +61,11 @@ def run_experiment(
     if resume:
         refuse_links_out(folder)
     first = is_first_process(needs_processes(config))
-    with interruptions.naming_lost_files(folder):
+    is_fixed = torch.are_deterministic_algorithms_enabled()
+    with interruptions.naming_lost_files(folder), ExitStack() as after:
+        # A notebook, or a sweep's next job, computes in this process, too.
+        after.callback(torch.set_num_threads, torch.get_num_threads())
+        after.callback(torch.use_deterministic_algorithms, is_fixed)
         folder.mkdir(parents=True, exist_ok=True)
         with (
             run_status(folder, first),
@@ -178,11 +184,9 @@ def _fit(
     try:
         trainer.precision_plugin.convert_module(module)  # before its weights are restored
         trainer.fit(module, datamodule=data, ckpt_path=path, weights_only=True)
-    except SystemExit:
+    except (SystemExit, KeyboardInterrupt):
         if not trainer.interrupted:
             raise
-    except KeyboardInterrupt:
-        pass
     except Exception as error:
         figures = sorted(trainer.callback_metrics)  # known after the first epoch
         for name in {getattr(callback, "monitor", None) for callback in callbacks_of(trainer)}:

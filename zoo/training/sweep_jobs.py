@@ -283,15 +283,8 @@ def _claim(folder: Path) -> bool:
 
 def _train(config: DictConfig, folder: Path) -> None:
     with loading():
-        import torch
-
         from zoo.training.run import run_experiment
-
-    threads = torch.get_num_threads()
-    try:
-        run_experiment(config, folder, resume=True, bf16=read_record(folder.parent).bf16)
-    finally:
-        torch.set_num_threads(threads)  # the run may have changed it; reset it for the next job
+    run_experiment(config, folder, resume=True, bf16=read_record(folder.parent).bf16)
 
 
 def _train_in_subprocess(config: DictConfig, folder: Path) -> None:
