@@ -123,6 +123,9 @@ def test_arguments_are_named_by_the_words_of_the_signature_too() -> None:
         drivezoo.replay(driver="lenet", recording="nowhere")
     with pytest.raises(drivezoo.UsageError, match="not given: CKPT, RECORDING"):
         drivezoo.replay(recording="nowhere")
+    for first, words in (([], {"ckpt": "lenet", "driver": "linear"}), (["a"], {"driver": "b"})):
+        with pytest.raises(drivezoo.UsageError, match="ckpt: given twice"):
+            drivezoo.evaluate(*first, **words)
 
 
 def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:

@@ -85,9 +85,13 @@ class Command(Generic[Made]):
             InputError: see the function; or its result has a problem.
         """
         # Arguments may have names, too: those of the signature, or `driver` for a checkpoint.
-        words = {"ckpt" if name == "driver" else name: keywords[name] for name in keywords}
-        names = [*inspect.signature(self.function).parameters][len(arguments) : len(self.arguments)]
-        named = [words.pop(name) for name in takewhile(words.__contains__, names)]
+        keys = ["ckpt" if name == "driver" else name for name in keywords]
+        names = [*inspect.signature(self.function).parameters][: len(self.arguments)]
+        given = [*names[: len(arguments)], *keys]
+        if twice := [name for name in keys if given.count(name) > 1]:
+            raise UsageError(f"{twice[0]}: given twice; give it once")
+        words = dict(zip(keys, keywords.values(), strict=True))
+        named = [words.pop(name) for name in takewhile(words.__contains__, names[len(arguments) :])]
         plain = [
             os.fspath(argument) if isinstance(argument, os.PathLike) else argument
             for argument in (*arguments, *named)
