@@ -16,7 +16,7 @@ from zoo.driving.scenario import Scenario
 from zoo.simulator.track_content import road_content
 
 ARRIVED_M = 1.0  # to the road's end
-OF_ROADS = ("track", "road", "world", "laps")  # keys that the points stand for
+OF_ROADS = ("track", "road", "world", "laps", "start")  # keys that the points stand for
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,6 @@ def test_a_road_that_cannot_be_driven_is_one_line(points, words) -> None:
 
 
 def test_a_wrong_key_is_named() -> None:
-    for keys, words in (({"sped": 9}, "did you mean speed"), ({"track": "lake"}, "track: no such")):
-        with pytest.raises(zoo.UsageError, match=words):
-            zoo.drive_road(steering(0.0), STRAIGHT, **keys)
+    for key, words in (("sped", "did you mean speed"), ("track", "no such"), ("start", "no such")):
+        with pytest.raises(zoo.UsageError, match=f"{key}: .*{words}"):
+            zoo.drive_road(steering(0.0), STRAIGHT, **{key: 9})
