@@ -255,10 +255,10 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
             raise InputError(f"{bad.faults[0]}; correct the row")
     # The longest end that the file has is the image's own.
     ends = ([csv_cell(end) for end in reversed(_ends(image))] for image in images)
-    found = [next((parts[end] for end in own if end in parts), None) for own in ends]
-    if not any(found):
+    dealt = [next((parts[end] for end in own if end in parts), None) for own in ends]
+    if not any(dealt):
         raise InputError(
             f"{path}: names no image of this recording ({LOG_NAME} starts "
             f"with {file_name(images[0])}); name this recording's split, or set data.split=blocks"
         )
-    return np.array([-1 if part is None else PARTS.index(part) for part in found])
+    return np.array([-1 if part is None else PARTS.index(part) for part in dealt])

@@ -141,7 +141,7 @@ def commands_below(name: str) -> dict[str, "Command[Any]"]:
 
     entries, start = named_entries(ENTRY_POINTS).values(), f"{name}."
     below = (entry for entry in entries if entry.name.startswith(start))
-    return {each.removeprefix(start): found for each, found in usable(below, Command)}
+    return {word.removeprefix(start): command for word, command in usable(below, Command)}
 
 
 def challenge_command(name: str) -> "Command[Any]":

@@ -76,7 +76,7 @@ def is_misplaced_bool(kind: Any, value: Any) -> bool:
     (True, False)
     """
     if isinstance(value, list | tuple):
-        return any(is_misplaced_bool(kind, each) for each in value)
+        return any(is_misplaced_bool(kind, part) for part in value)
     kinds = kinds_in(kind)
     return isinstance(value, bool) and bool not in kinds and not kinds.isdisjoint({int, float})
 

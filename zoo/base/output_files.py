@@ -72,7 +72,7 @@ def check_output(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()
     if not os.path.lexists(path):
         return
     named = f"{key}={path}" if key else str(path)
-    if any(_is_within(path, Path(each)) for each in inputs):
+    if any(_is_within(path, Path(read)) for read in inputs):
         raise InputError(f"{named}: is an input of this command; name another file")
     if path.is_dir():
         raise UsageError(f"{named}: is a folder; name another file")

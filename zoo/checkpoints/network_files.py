@@ -55,7 +55,7 @@ def describe_network(path: Path) -> str:
     """Return what a file or folder is and what to do with it; empty if no reader knows it."""
     # Packages first: they know their own files, of which an extra only sees that they are packed.
     readers = reversed([*load_entries(GROUP, WeightsReader)])
-    return next(filter(None, (each.describe(path) for each in readers)), "")
+    return next(filter(None, (reader.describe(path) for reader in readers)), "")
 
 
 def weights_reader(path: Path) -> WeightsReader | None:
@@ -63,7 +63,8 @@ def weights_reader(path: Path) -> WeightsReader | None:
     with file_errors(path, "{}; name another file"), open_binary(path, MOST_BYTES) as file:
         if torch_kind(file):
             return None
-    return next((each for each in load_entries(GROUP, WeightsReader) if each.detect(path)), None)
+    readers = load_entries(GROUP, WeightsReader)
+    return next((reader for reader in readers if reader.detect(path)), None)
 
 
 def read_network(path: Path) -> nn.Module:

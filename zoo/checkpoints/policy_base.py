@@ -231,7 +231,7 @@ def read_as_trained(policies: Iterable[Policy], folder: str | Path, read: ReadOp
     for data in (trained_data(policy.config, policy.data) for policy in policies):
         root = data.get("root")
         roots = root if isinstance(root, list) else [root]
-        paths = [Path(str(each)).expanduser().resolve() for each in roots]
+        paths = [Path(str(name)).expanduser().resolve() for name in roots]
         if path in paths:
             said = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
             return said.given() | read.given()

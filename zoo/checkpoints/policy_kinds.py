@@ -46,7 +46,8 @@ def policy_kind(contents: Any) -> PolicyKind | None:
     Raises:
         InputError: see `load_entry`.
     """
-    return next((each for each in load_entries(GROUP, PolicyKind) if each.detect(contents)), None)
+    kinds = load_entries(GROUP, PolicyKind)
+    return next((kind for kind in kinds if kind.detect(contents)), None)
 
 
 def kind_names() -> str:

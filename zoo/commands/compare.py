@@ -71,9 +71,9 @@ def compare_files(arguments: list[str]) -> None:
     if not is_help(arguments):
         comparison_of([*filter(is_path, arguments)]).main(arguments)
         return
-    for number, each in enumerate([compare, *(other.compare for other in _others())]):
+    for number, documented in enumerate([compare, *(other.compare for other in _others())]):
         print("\n" * bool(number), end="")
-        each.main(["--help"])
+        documented.main(["--help"])
 
 
 def _others() -> list[Comparison]:

@@ -110,10 +110,10 @@ def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -
     answers: tuple[list[list[float]], list[list[float]]] = ([], [])
     with one_thread():
         for _ in range(WARM_UP):
-            for each in policies:
-                each(frames.frames[0], 0.0)
-        for each in policies:
-            each.reset()
+            for timed in policies:
+                timed(frames.frames[0], 0.0)
+        for timed in policies:
+            timed.reset()
         for number, (frame, speed_mph) in enumerate(
             zip(frames.frames, frames.speeds_mph, strict=True)
         ):
