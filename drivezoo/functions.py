@@ -136,6 +136,8 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
             if isinstance(folder := getattr(returned, "folder", None), Path):
                 # A notebook may leave the present folder.
                 returned = replace(returned, folder=folder.absolute())
+            written = getattr(returned, "written", [])
+            written[:] = map(Path.absolute, written)
             return returned
         except Exception as error:
             # Of this call itself: an argument is missing, or the function does not take it.

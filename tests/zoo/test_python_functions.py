@@ -285,7 +285,9 @@ def test_results_of_the_benchmark_are_compared(results: Path) -> None:
 
 
 def test_runs_are_ranked_and_listed(run: Training, here: Path) -> None:
-    (row,) = drivezoo.leaderboard(run.folder, table="ranking.csv").table()
+    ranking = drivezoo.leaderboard(run.folder, table="ranking.csv")
+    assert here / "ranking.csv" in ranking.written
+    (row,) = ranking.table()
     assert row["lake_autonomy"] == run.figures["lake_autonomy"]
     assert drivezoo.results(run).table() == run.table()
 

@@ -2,7 +2,6 @@
 
 import inspect
 import logging
-import os
 import re
 import warnings
 from collections.abc import Callable, Collection, Sequence
@@ -301,7 +300,6 @@ def silence_libraries() -> None:
 
 def construct(key: str, settings: dict | DictConfig, **more: object) -> Any:
     """Call `hydra.utils.instantiate`; name the config's key where it fails."""
-    os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
     target = settings.get("_target_")
     if target is None:  # as experiment=lenet, which sets a callback's key, with callbacks=published
         raise UsageError(f"{key}: has keys, but no _target_; add {key}=null")
