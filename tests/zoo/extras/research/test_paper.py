@@ -167,6 +167,8 @@ def test_a_paper_is_replaced_only_with_overwrite() -> None:
 def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) -> None:
     tiny = {"RECORDING": str(recorded.folder), "SUITE": str(write_suite(here)), "WORKERS": 1}
     tiny |= {"MODELS": ["linear", "tiny"], "SEEDS": [1], "EPOCHS": 0}
+    with pytest.raises(InputError, match=r"typo: no such folder"):  # corrected, it trains
+        run_notebook("study.ipynb", **tiny | {"RECORDING": "typo"})
     first = run_notebook("study.ipynb", **tiny)
     for name in ("metrics.json", "status.json"):  # as if killed in this training
         (here / "study" / "tiny-1" / name).unlink()
