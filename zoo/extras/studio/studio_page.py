@@ -215,8 +215,8 @@ class StudioPage(ServedPage):
             return facts
         verdict = None if child.running else read_metrics(run).get("verdict")
         facts |= {"run": short_name(run), "status": read_status(run).get("status")}
-        films = bool(list(run.glob("drives/*/film.mp4")))
-        return facts | {"verdict": verdict, "film": films, "report": (run / "report").is_dir()}
+        files = {"film": "drives/*/film.mp4", "report": "report", "drives": "checkpoints/*.ckpt"}
+        return facts | {"verdict": verdict} | {key: any(run.glob(files[key])) for key in files}
 
     def _in_run(self, pattern: str) -> Path:
         child = self.children.get("train")

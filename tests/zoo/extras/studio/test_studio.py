@@ -98,7 +98,9 @@ def test_each_step_is_a_command(studio: Served, here: Path) -> None:
     assert studio.line(step="rank") == ["drivezoo leaderboard"]
 
 
-def test_a_stopped_training_is_resumed_as_its_command_says(studio: Served, here: Path) -> None:
+def test_a_stopped_training_is_resumed_as_its_command_says(
+    studio: Served, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sweep, alone = Path("outputs/sweeps/2026-11-30/10-00-00"), "outputs/2026-11-30/11-00-00"
     for run in (sweep / "0", Path(alone)):  # stopped before their first checkpoint
         run.mkdir(parents=True)
@@ -107,6 +109,9 @@ def test_a_stopped_training_is_resumed_as_its_command_says(studio: Served, here:
     assert studio.line(step="train", resume=alone) == [f"drivezoo train resume={alone}"]
     resumed = studio.line(step="train", resume=str(sweep / "0"))
     assert resumed == [f"drivezoo sweep resume={sweep}"]
+    monkeypatch.setattr(ChildCommand, "run_folder", lambda self, outputs: Path(alone))
+    studio.page.children["train"] = ChildCommand(["--version"])
+    assert studio.state()["training"]["drives"] is False, "the page offers nothing to watch"
 
 
 def test_an_editor_keeps_and_prints_its_edits(here: Path, capsys: pytest.CaptureFixture) -> None:

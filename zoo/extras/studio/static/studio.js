@@ -290,7 +290,7 @@ function showTraining() {
   }
   $("#report").hidden = runs || !training.report;
   $("#report").href = address("report");
-  $("#watch-it").hidden = runs || !training.run;
+  $("#watch-it").hidden = runs || !training.drives;
 }
 
 const sides = []; // of the networks that drive
