@@ -22,8 +22,8 @@ from zoo.extras.keras.keras_specs import (
 Scale = tuple[float, float]
 
 
-# A scale before these layers is the same as one at the network's input.
 LEAST_PIXELS = 5  # mean of pixels 0..255 that is none of scaled pixels
+# A scale before these layers is the same as one at the network's input.
 BEFORE_SCALE = ("Cropping2D", "Resize", "AveragePooling2D")
 DONKEYCAR_SCALE = (255.0, 0.0)  # outside of its networks: `normalize_image` in donkeycar/utils.py
 
@@ -81,8 +81,9 @@ class Chain:
         elif kind == "BatchNormalization" and layer.arrays:
             mean = layer.arrays[-2] if len(layer.arrays) > 1 else layer.arrays[0]
         elif spec["layer"] == "Rescaling":
-            factor = spec.get("scale")  # of x - 0.5 it is 1
-            return isinstance(factor, int | float) and abs(factor) < 1 / LEAST_PIXELS
+            # The factor of x - 0.5 is 1; a list has one for each channel.
+            factors = spec["scale"] if isinstance(spec.get("scale"), list) else [spec.get("scale")]
+            return all(isinstance(n, int | float) and abs(n) < 1 / LEAST_PIXELS for n in factors)
         else:
             return False
         return bool(mean.size and mean.min() > LEAST_PIXELS and mean.max() < 255)

@@ -360,6 +360,8 @@ def test_a_scale_after_a_padding_stays_there(tmp_path: Path) -> None:
     for layer, scale in (
         (SCALE, (1.0, 0.0)),
         (("Rescaling", {"scale": 1, "offset": -0.5}, []), None),
+        (("Rescaling", {"scale": [0.017, 0.018, 0.017], "offset": [-2.1, -2, -1.8]}, []), (1, 0)),
+        (("Rescaling", {"scale": [4.4, 4.5, 4.4], "offset": [-2.1, -2, -1.8]}, []), None),
     ):
         # x - 0.5 follows an x / 255 in the user's program.
         assert convert(read(tmp_path, [pad, layer, CONV, REST[1], dense])).scale == scale
