@@ -100,7 +100,7 @@ class Correction:
             check_unchanged(self.options, self.folder, self.folder / "round-1" / "recording")
         self._print_plan(most)
         if not rounds:
-            self._finish(0, self.path, 0)
+            self._finish(0, str(Path(self.path).absolute()), 0)
         while len(rounds) <= most and not self._is_enough(rounds[-1]):
             if not self._correct(rounds[-1]):
                 break
@@ -119,8 +119,7 @@ class Correction:
             run_split = self.run_folder / "split.csv"
             write_own_split(self.config, self.checkpoint, run_split, own_split, self.console)
         corrections = [self.folder / f"round-{done}" / "recording" for done in range(1, number + 1)]
-        start = str(Path(last["checkpoint"]).absolute())
-        split = folder / "split.csv"
+        start, split = last["checkpoint"], folder / "split.csv"
         config = training_config(self.config, options, corrections, start, own_split, split)
         self._print(
             f"round {number}: {counted(rows, 'row')} of corrections "
@@ -170,8 +169,7 @@ class Correction:
         if line := other_car_line(self.checkpoint.data, self.options.track):
             self._print(line)
         if self.progress["rounds"]:
-            done = len(self.progress["rounds"]) - 1
-            self._print(f"{self.folder}: resumed after round {done}")
+            self._print(f"{self.folder}: resumed after round {len(self.progress['rounds']) - 1}")
         corrections = "a person's corrections, one round"
         if not self.options.by_a_person:
             corrections = (
@@ -262,6 +260,8 @@ def open_progress(
         other.append(" ".join(saved["overrides"]) or "no overrides")
     if other:
         raise InputError(f"{folder}: was started with {other[0]}; give the same, or {ANOTHER}")
+    for row in saved["rounds"][:1]:  # of this checkpoint, wherever it was
+        row["checkpoint"] = str(Path(checkpoint).absolute())
     for row in saved["rounds"][1:]:
         if not Path(row["checkpoint"]).is_file():
             raise InputError(f"{row['checkpoint']}: this checkpoint is missing; {ANOTHER}")

@@ -148,12 +148,14 @@ def test_a_command_resumes_after_a_round(corrected: Path, checkpoint: str, tmp_p
     whole = rounds_of(folder)
     # As if killed while scoring: round 1 is recorded and trained, but not in the file.
     state = json.loads((folder / "correct.json").read_text())
-    (folder / "correct.json").write_text(json.dumps(state | {"rounds": whole[:1]}))
+    moved = whole[0] | {"checkpoint": "of another folder.ckpt"}
+    (folder / "correct.json").write_text(json.dumps(state | {"rounds": [moved]}))
     options = (*SHORT, LAPS, "rounds=2", f"out={folder}")
     printed = succeed(run_here(tmp_path, checkpoint, *options, module=MODULE))
     assert "after round 0" in printed
     assert first.stat().st_mtime_ns == trained, "it was trained twice"
     assert [row["number"] for row in rounds_of(folder)] == [0, 1, 2]
+    assert rounds_of(folder)[0]["checkpoint"] == checkpoint
     again = rounds_of(folder)[1]
     for figure in ("autonomy", "cte_mean_m"):
         assert again["tracks"]["lake"][figure] == whole[1]["tracks"]["lake"][figure]
