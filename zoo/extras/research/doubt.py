@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from zoo.base.bounded_files import hash_file
 from zoo.base.command import command
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError
@@ -60,8 +59,8 @@ def doubt(
 
         written = [checked_file(out, (SUFFIX,), inputs=paths, into_folder=True)]
         contents = doubt_contents(paths, samples, seed)
-        _check_distinct(paths)
         policy = read(contents, paths[0] if len(paths) == 1 else written[0])
+        _check_distinct(paths, [member["state_dict"] for member in contents["members"]])
         write_output(written[0], checkpoint_bytes(contents))
     table = members_table(paths, policy)
     from rich.console import Console
@@ -95,9 +94,10 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
     return Table(columns, f"Networks of {policy.name}")
 
 
-def _check_distinct(paths: Sequence[Path]) -> None:
-    """Raise InputError for a checkpoint that is named twice."""
-    hashes = [hash_file(path) for path in paths]
+def _check_distinct(paths: Sequence[Path], states: Sequence[dict]) -> None:
+    """Raise InputError for a network that is named twice, as the best and the last of a run."""
+    bits = ((tensor.float().numpy().tobytes() for tensor in state.values()) for state in states)
+    hashes = [hash(tuple(weights)) for weights in bits]
     for number, digest in enumerate(hashes):
         if digest in hashes[:number]:
             raise InputError(

@@ -1,7 +1,6 @@
 """`drivezoo doubt`: the file that it writes, the commands that take it, and its errors."""
 
 import csv
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -127,7 +126,8 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
 )
 def test_wrong_input_is_one_line(words: list[str], fault: str, remedy: str, tmp_path: Path) -> None:
     write_pilotnet(tmp_path / "pilotnet.ckpt")
-    shutil.copy(write_constant(tmp_path / "linear.ckpt", 0.1), tmp_path / "copy.ckpt")
+    for epoch, name in enumerate(("linear.ckpt", "copy.ckpt")):
+        write_constant(tmp_path / name, 0.1, epoch)
     before = sorted(tmp_path.iterdir())
     line = only_line(run_here(tmp_path, *words, module="zoo.extras.research.doubt"))
     assert fault in line
