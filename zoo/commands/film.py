@@ -63,8 +63,8 @@ def read_shots(folder: Path, faults: list[str], **said: Any) -> list[Shot]:
     if not folder.is_dir() and not is_recording:
         raise InputError(f"{folder}: no such folder; usage: {film.usage}")
     # A log that is not a regular file, such as a pipe, is reported when it is opened.
-    if (folder / drive_log.LOG_NAME).exists():
-        return _shots_of_drive(folder)  # each simulator has times of its own
+    if (folder / drive_log.LOG_NAME).exists() and (shots := _shots_of_drive(folder)):
+        return shots  # each simulator has times of its own
     shots = _shots_of_recording(folder, faults, said) if is_recording else _shots_of_images(folder)
     if not shots:
         raise InputError(f"{folder}: has no {LOG_NAME}, JPEG or PNG; name another folder")
@@ -164,6 +164,8 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         )
         shots.append(Shot(folder / frame, time_s, state))
     if not shots or len(shots) <= MOMENTS < len(drive) / 10:
+        if (folder / LOG_NAME).is_file():  # of evaluate record=true: the recording has all frames
+            return []
         raise InputError(
             f"{folder}: has no frames, or only its worst moments; drive with record=FOLDER, or "
             "film while it is scored: drivezoo evaluate CKPT film=true"

@@ -167,6 +167,19 @@ def test_a_film_below_outputs_is_replaced_unless_it_is_named(tmp_path: Path) -> 
     assert "out=outputs/lake.mp4: exists" in line
 
 
+def test_moments_are_no_film_but_the_recording_beside_them(
+    recorded: Written, tmp_path: Path
+) -> None:
+    writer = DriveWriter(tmp_path)
+    for row in range(120):
+        writer.add([DriveRow(row / 15, frame="frames/60.jpg" if row == 60 else "")])
+    writer.close()
+    with pytest.raises(InputError, match="only its worst moments"):
+        read_shots(tmp_path, [])
+    shutil.copytree(recorded.folder, tmp_path, dirs_exist_ok=True)  # as evaluate record=true
+    assert len(read_shots(tmp_path, [])) == 120
+
+
 def test_an_autonomy_that_is_not_measured_is_not_shown(recorded: Written, tmp_path: Path) -> None:
     writer = DriveWriter(tmp_path)
     for row in range(10):
