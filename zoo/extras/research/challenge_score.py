@@ -20,7 +20,7 @@ from datamodules.formats.labels import decimal, read_csv
 from datamodules.image import read_image
 from datamodules.recording import Recording, file_name
 from datamodules.recording_format import read_recordings
-from datamodules.split import KINDS, rows_per_second, split_rows
+from datamodules.split import KINDS, split_rows
 from datamodules.stretches import find_breaks
 from zoo.base.bounded_files import open_text
 from zoo.base.console_progress import progress_bar
@@ -28,7 +28,7 @@ from zoo.base.errors import InputError, UsageError
 from zoo.base.file_text import csv_text
 from zoo.base.new_folder import command_folder
 from zoo.base.rig import UDACITY, Rig
-from zoo.base.terminal import print_written
+from zoo.base.terminal import counted, print_written
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.checkpoint_policy import load_policy
@@ -74,10 +74,13 @@ class OfficialTest:
 
     def rmse(self, rows: np.ndarray, angles: np.ndarray) -> dict[str, Estimate]:
         """Return the error of angles, radians, float64 [n], of rows on each half."""
-        errors, time_s = angles - self.angles[rows], self.recording.time_s
-        block = np.floor((time_s[rows] - time_s[0]) / BLOCK_S)
+        errors, block = angles - self.angles[rows], self.blocks(rows)
         masks = {half: self.public[rows] == number for half, number in HALVES.items()}
         return {half: block_rmse(errors[mask], block[mask]) for half, mask in masks.items()}
+
+    def blocks(self, rows: np.ndarray) -> np.ndarray:
+        """Return the number of each row's block of time, float64 [n]."""
+        return np.floor((self.recording.time_s[rows] - self.recording.time_s[0]) / BLOCK_S)
 
 
 def read_test(folder: str | Path) -> OfficialTest:
@@ -182,7 +185,7 @@ def score_challenge(
         write_metrics_file(out, about | {"challenge": {"rmse_rad": scores, "frames": len(rows)}})
         bad = int((~np.isfinite(angles)).sum())
         problem = f"{name}: steered NaN in {bad:,} frames; train a network with a smaller optim.lr"
-        notes = list(assumptions(policy, test, len(rows), options))
+        notes = list(assumptions(policy, test, rows, options))
         result = Challenge(out, rmse, len(rows), notes, name, problem if bad else "")
         result.written.extend(options.write_files(result))
         return result
@@ -359,11 +362,11 @@ def of_frames(path: Path, numbers: Mapping[str, float], frame_ids: list[str]) ->
 
 
 def assumptions(
-    policy: Policy, test: OfficialTest, frames: int, options: ChallengeOptions
+    policy: Policy, test: OfficialTest, rows: np.ndarray, options: ChallengeOptions
 ) -> Iterator[str]:
     """Yield what the figures assume and mean."""
-    blocks = frames / rows_per_second(test.recording) / BLOCK_S
-    yield f"interval: 95 %, bootstrap over {blocks:.0f} blocks of {BLOCK_S:g} s"
+    blocks = counted(len(np.unique(test.blocks(rows))), "block")
+    yield f"interval: 95 %, bootstrap over {blocks} of {BLOCK_S:g} s"
     if policy.takes_speed:
         yield f"the test has no speed: the network was given {options.speed:g} mph"
     if any(source_of(member.data) != test.rig.name for member in policy.members):
@@ -372,4 +375,4 @@ def assumptions(
             f"on the {test.rig.name} (GUESSED: {', '.join(test.rig.guesses)})"
         )
     if options.split is not None:
-        yield f"the {frames:,} test rows of {options.split} alone, for all rows of the table"
+        yield f"the {len(rows):,} test rows of {options.split} alone, for all rows of the table"

@@ -107,6 +107,7 @@ def test_a_network_of_these_frames_needs_a_split(folder: Path, tmp_path: Path) -
     (tmp_path / "split.csv").write_text("".join(["image,part\n", *rows]))
     result = drivezoo.challenge(policy, folder, split=tmp_path / "split.csv", out=tmp_path / "out")
     assert result.frames == 4
+    assert "over 1 block of 10 s" in result.notes[0]
 
 
 def test_each_member_of_an_ensemble_counts(folder: Path, tmp_path: Path) -> None:
