@@ -174,9 +174,8 @@ def score_challenge(
     steered |= {f"{team}.csv" if team in steered else team: teams[team] for team in teams}
     rmse = {entry: test.rmse(rows, radians) for entry, radians in steered.items()}
     with command_folder(options.out, "challenges") as out:
-        ids = [test.frame_ids[row] for row in rows]
-        submission = csv_text([HEADER, *zip(ids, angles.tolist(), strict=True)])
-        write_whole(out / "submission.csv", submission)
+        lines = zip((test.frame_ids[row] for row in rows), angles.tolist(), strict=True)
+        write_whole(out / "submission.csv", csv_text([HEADER, *lines]))
         scores = {
             entry: {half: asdict(estimate) for half, estimate in by_half.items()}
             for entry, by_half in rmse.items()
