@@ -355,7 +355,7 @@ def steering_per_s(drive: Drive) -> float:
 def expert_steering_per_s(drive: Drive) -> float | None:
     """Steering change of a reference driver, by the formula of `steering_per_s`.
 
-    On a track: the expert's, on a lap at the same speed from start seed 0 in clear weather, in
+    On a track: the expert's, on a lap with the same keys but for start seed 0 and clear weather, in
     `metrics.json` alone. In a replay: that of the recorded driver.
     """
     return drive.expert_steering_per_s if math.isfinite(drive.expert_steering_per_s) else None
