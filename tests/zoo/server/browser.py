@@ -99,12 +99,16 @@ class Browser:
         return value
 
     def click(self, selector: str) -> None:
-        """Click at the position of an element, as a user does."""
+        """Click at the position of an element, where it stays, as a user does."""
         script = f"""(() => {{
             const box = document.querySelector({json.dumps(selector)}).getBoundingClientRect();
             return [box.x + box.width / 2, box.y + box.height / 2];
         }})()"""
-        x, y = self.value(script)
+        before, place = None, self.value(script)
+        while place != before:  # a panel that is filled moves others
+            time.sleep(0.05)
+            before, place = place, self.value(script)
+        x, y = place
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
