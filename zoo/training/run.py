@@ -62,10 +62,11 @@ def run_experiment(
         refuse_links_out(folder)
     first = is_first_process(needs_processes(config))
     is_fixed = torch.are_deterministic_algorithms_enabled()
+    warns = torch.is_deterministic_algorithms_warn_only_enabled()
     with interruptions.naming_lost_files(folder), ExitStack() as after:
         # A notebook, or a sweep's next job, computes in this process, too.
         after.callback(torch.set_num_threads, torch.get_num_threads())
-        after.callback(torch.use_deterministic_algorithms, is_fixed)
+        after.callback(torch.use_deterministic_algorithms, is_fixed, warn_only=warns)
         folder.mkdir(parents=True, exist_ok=True)
         with (
             run_status(folder, first),
