@@ -162,7 +162,8 @@ class TableKind:
         for number, row in enumerate(content, 1):
             cells = {key: row[name] if name else None for key, name in columns.items()}
             texts = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
-            where = f"{path}: {f'line {row.line}' if isinstance(row, Row) else f'rollout {number}'}"
+            row_name = f"line {row.line}" if isinstance(row, Row) else f"rollout {number}"
+            where = f"{path}: {row_name}"
             value = _number(_score(row, score, path), where)
             if score == "success" and value not in (0, 1):
                 raise InputError(f"{where}: success is {value:g}, not 0 or 1; name it score")
