@@ -4,6 +4,7 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path, PureWindowsPath
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,6 +13,7 @@ from tests.like_windows import like_windows
 from tests.recordings import Written
 from tests.zoo import command_runs as commands
 from zoo.base.compose import compose_config
+from zoo.base.terminal import command_line
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="emulates Windows on Linux")
 IMPORT_ALL = runpy.run_path(str(commands.ROOT / ".ci" / "matrix.py"))["IMPORT_ALL"]
@@ -99,3 +101,9 @@ def write_as_on_windows(log: Path) -> None:
 @pytest.mark.parametrize("folder", ["C:\\Users\\Ann Smith\\lake", "..\\lake"])
 def test_a_path_of_windows_reaches_the_config_as_it_was_typed(folder: str) -> None:
     assert compose_config([f"data.root={folder}"])["data"]["root"] == folder
+
+
+def test_a_printed_command_has_the_only_quotes_of_cmd(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoo.base.terminal.os", SimpleNamespace(name="nt"))
+    words = ["drivezoo", "film", "outputs\\run", "columns=a,b", "fps=15"]
+    assert command_line(words) == r'drivezoo film "outputs\run" "columns=a,b" fps=15'

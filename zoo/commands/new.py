@@ -64,8 +64,8 @@ KINDS = {
     "augmentation": _kind(
         "augmentation",
         "augment",
-        ("drivezoo preview parts=$here$name.py 'augment=[$name]'", "look at the images"),
-        (f"{TRAIN} 'augment=[brightness,$name]' quick=true", "train with it"),
+        ('drivezoo preview parts=$here$name.py "augment=[$name]"', "look at the images"),
+        (f'{TRAIN} "augment=[brightness,$name]" quick=true', "train with it"),
     ),
     "loss": _kind("loss", "loss", (f"{TRAIN} loss=$name quick=true", "train with it")),
     "callback": _kind(
