@@ -36,7 +36,7 @@ class EnvironmentWorld(World):
         mapping: meaning of its observation and action; None for that of the simulator's own
             environments: an image, or a dict with `image` and `speed` in mph; steering and
             throttle, -1..1 each; and what `info` has of `cte`, `width`, `distance`, `lap`, `hit`.
-        frame_rate: steps per second of simulated time, if the mapping names none.
+        frame_rate: steps per second of simulated time, if neither mapping nor simulator has one.
     """
 
     tied = "another program's world"
@@ -49,12 +49,12 @@ class EnvironmentWorld(World):
         frame_rate: float = 15.0,
     ) -> None:
         self.environment, self.mapping = environment, mapping
-        self.frame_rate = frame_rate
-        if mapping and mapping.frame_rate:
-            self.frame_rate = mapping.frame_rate
+        own = environment.unwrapped if isinstance(environment.unwrapped, DrivingEnv) else None
+        self.rig = own.rig if own else None
+        own_rate = own.metadata["render_fps"] if own else mapping and mapping.frame_rate
+        self.frame_rate = own_rate or frame_rate
+        if own_rate:
             self.ignores += ("frame_rate",)
-        unwrapped = environment.unwrapped
-        self.rig = unwrapped.rig if isinstance(unwrapped, DrivingEnv) else None
 
     def reset(self, scenario: Scenario) -> State:
         """Begin an episode with the scenario's seed.

@@ -122,6 +122,8 @@ def test_a_key_that_changes_nothing_is_refused() -> None:
         straight(MAPPED, frame_rate=7)
     _, world = straight(MAPPED.replace("frame_rate: 10", ""), frame_rate=7)
     assert world.frame_rate == 7
+    with pytest.raises(InputError, match=r"^frame_rate: changes nothing"):
+        open_world(Scenario(world="gymnasium:drivezoo/Lake-v0", frame_rate=5))
 
 
 def test_no_cross_track_error_leaves_the_autonomy_unmeasured() -> None:
