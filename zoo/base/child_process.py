@@ -16,12 +16,17 @@ GRACE_S = 5.0  # to close files after SIGTERM
 
 def module_command(module: str, *arguments: str) -> list[str]:
     """Return the words that run a module of drivezoo, see `zoo.base.module_start`."""
-    return [sys.executable, str(Path(__file__).with_name("module_start.py")), module, *arguments]
+    # On Windows an environment's python.exe starts Python as a child, which has another process id.
+    python = getattr(sys, "_base_executable" if sys.platform == "win32" else "executable")
+    return [python, str(Path(__file__).with_name("module_start.py")), module, *arguments]
 
 
 def child_environment() -> dict[str, str]:
     """Return the environment of a `module_command` that shall end with this process."""
-    return os.environ | {PARENT: str(os.getpid())}
+    variables = {PARENT: str(os.getpid())}
+    if sys.platform == "win32":  # so that Python knows the environment, as in `multiprocessing`
+        variables["__PYVENV_LAUNCHER__"] = sys.executable
+    return os.environ | variables
 
 
 def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Popen:
@@ -62,15 +67,13 @@ def limit_resource(name: str, most_bytes: int) -> None:
 def end_with_parent() -> None:
     """End this process when the process ends that started it with `child_environment`."""
     parent = os.environ.pop(PARENT, "")  # not for this process's own children
-    if not parent:
-        return
-    if parent != str(os.getppid()):
+    if parent == str(os.getppid()):
+        end_after(int(parent))
+    elif parent:
         import psutil  # slow
 
         if not psutil.pid_exists(int(parent)):  # else a process between them kept the variable
             sys.exit(1)
-        return
-    end_after(int(parent))
 
 
 def end_after(parent: int) -> None:
@@ -90,11 +93,9 @@ def _wait_for_parent(pid: int) -> None:
     if sys.platform == "win32":
         import _winapi
 
-        try:
+        with suppress(OSError):  # it has ended
             handle = _winapi.OpenProcess(_winapi.SYNCHRONIZE, False, pid)
-        except OSError:  # it has ended
-            return
-        _winapi.WaitForSingleObject(handle, _winapi.INFINITE)
+            _winapi.WaitForSingleObject(handle, _winapi.INFINITE)
     else:
         while os.getppid() == pid:
             time.sleep(LOOK_S)

@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from tests.zoo.command_runs import ROOT, environment, run_words
-from zoo.base import machine, process_pool
+from zoo.base import child_process, machine, process_pool
 from zoo.base.errors import InputError, UsageError
 from zoo.base.process_pool import Pool, opened_pool, run_jobs
 
@@ -211,6 +212,13 @@ def test_a_process_that_another_one_started_is_left_alone() -> None:
     quiet = "import zoo, time; time.sleep(0.9)"  # it looks after its parent every half second
     result = run_words(ROOT, sys.executable, "-c", quiet, DRIVEZOO_PARENT="1")
     assert result.returncode == 0
+
+
+def test_no_launcher_of_windows_stands_between_parent_and_child(monkeypatch) -> None:
+    python = SimpleNamespace(platform="win32", executable="env/python", _base_executable="python")
+    monkeypatch.setattr(child_process, "sys", python)
+    assert child_process.module_command("zoo")[0] == "python"
+    assert child_process.child_environment()["__PYVENV_LAUNCHER__"] == "env/python"
 
 
 @pytest.mark.parametrize(
