@@ -12,6 +12,8 @@ from typing import Any
 PARENT = "DRIVEZOO_PARENT"  # environment variable of a child: its parent's process id
 LOOK_S = 0.5
 GRACE_S = 5.0  # to close files after SIGTERM
+# Flag of a child that Ctrl-C does not reach, and which can be stopped alone; Windows has it alone.
+NEW_GROUP = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
 
 
 def module_command(module: str, *arguments: str) -> list[str]:
@@ -30,19 +32,20 @@ def child_environment() -> dict[str, str]:
 
 
 def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Popen:
-    """Start a module of drivezoo; `options` are those of `subprocess.Popen`."""
-    if sys.platform == "win32":  # which interrupts whole groups of processes
-        options["creationflags"] = subprocess.CREATE_NEW_PROCESS_GROUP
-    return subprocess.Popen(module_command(module, *arguments), env=child_environment(), **options)
+    """Start a module of drivezoo; `options` are those of `subprocess.Popen`.
+
+    What it prints into a pipe or a file is UTF-8, also where a terminal has another encoding.
+    """
+    options |= {"creationflags": NEW_GROUP, "env": child_environment()}
+    if "stdout" in options:
+        options["env"]["PYTHONIOENCODING"] = "utf-8"
+    return subprocess.Popen(module_command(module, *arguments), **options)
 
 
 def end_module(process: subprocess.Popen, grace_s: float = GRACE_S) -> None:
     """End a child process, after some seconds also one that does not react to Ctrl-C."""
-    stop = signal.SIGINT  # as after Ctrl-C, so that it completes its files
-    if sys.platform == "win32":  # which raises ValueError for SIGINT
-        stop = signal.CTRL_BREAK_EVENT
-    if process.poll() is None:
-        process.send_signal(stop)
+    if process.poll() is None:  # as after Ctrl-C, so that it completes its files
+        process.send_signal(getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))  # first: on Windows
     try:
         process.wait(grace_s)
     except subprocess.TimeoutExpired:

@@ -221,6 +221,13 @@ def test_no_launcher_of_windows_stands_between_parent_and_child(monkeypatch) -> 
     assert child_process.child_environment()["__PYVENV_LAUNCHER__"] == "env/python"
 
 
+def test_a_child_prints_utf_8_into_a_pipe(monkeypatch) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "cp1252")  # of a terminal on Windows
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    child = child_process.start_module("zoo.base.console_script", "check", "J\xf6rg", **streams)
+    assert "J\xf6rg: " in child.communicate()[0].decode()
+
+
 @pytest.mark.parametrize(
     ("quota", "cores"), [(float("inf"), 4), (16.0, 4), (2.5, 3), (2.0, 2), (0.3, 1)]
 )
