@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from zoo.base.child_process import NEW_GROUP
 from zoo.base.errors import InputError, file_errors
 from zoo.base.whole_file import whole_path
 
@@ -48,16 +49,17 @@ class VideoWriter(contextlib.AbstractContextManager):
         # The index comes first, so that a browser plays before it has the whole file.
         command += ["-movflags", "+faststart", "-f", "mp4", f"file:{path.absolute()}"]
         self._messages = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
-        # In its own session, because Ctrl-C must end the drive only; the video is then completed.
+        # In its own session, on Windows in its own group of processes, because Ctrl-C must end the
+        # drive only; the video is then completed.
         self._ffmpeg = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=self._messages,
             start_new_session=True,
+            creationflags=NEW_GROUP,
         )
-        assert self._ffmpeg.stdin is not None
-        self._pipe = self._ffmpeg.stdin
+        self._pipe: Any = self._ffmpeg.stdin
 
     def add(self, frame: np.ndarray) -> None:
         """Append a frame, uint8 [H, W, 3] RGB.

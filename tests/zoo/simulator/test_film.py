@@ -11,7 +11,7 @@ import pytest
 
 from tests.refusals import refusal
 from zoo.base.errors import InputError
-from zoo.base.video import Film
+from zoo.base.video import Film, VideoWriter
 
 
 def write(path: Path, *frames: np.ndarray) -> Path:
@@ -109,6 +109,14 @@ def test_an_ffmpeg_that_is_killed_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"lap\.mp4.*signal: Killed"):
         film.__exit__(None, None, None)
     assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_on_windows_leaves_ffmpeg_to_complete_the_film(monkeypatch) -> None:
+    started = SimpleNamespace(stdin=None)
+    monkeypatch.setattr("subprocess.Popen", lambda _, **more: vars(started).update(more) or started)
+    monkeypatch.setattr("zoo.base.video.NEW_GROUP", 512)
+    VideoWriter(Path("lap.mp4"), "lap.mp4", (2, 2), 20, ())._messages.close()
+    assert started.creationflags == 512
 
 
 def test_dead_ffmpeg_is_named_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
