@@ -36,6 +36,8 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
     """
 
     daemon_threads = True
+    # On Windows, which alone has this option, two servers of a reused address share its browsers.
+    allow_reuse_address = not hasattr(socket, "SO_EXCLUSIVEADDRUSE")
 
     def __init__(
         self, port: int, page: ServedPage, host: str = HOST, most_request: int = MOST_REQUEST

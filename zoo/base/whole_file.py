@@ -7,7 +7,7 @@ import re
 import secrets
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -144,12 +144,9 @@ class AppendedFile:
 
 def remove_parts(folder: Path) -> None:
     """Remove the temporary files that killed processes have left in a folder."""
-    try:
-        parts = [path for path in folder.iterdir() if PART.fullmatch(path.name)]
-        for part in parts:
+    with suppress(OSError):  # no such folder, or another user's file
+        for part in [path for path in folder.iterdir() if PART.fullmatch(path.name)]:
             part.unlink(missing_ok=True)
-    except OSError:  # no such folder, or another user's file
-        return
 
 
 def refuse_links_out(folder: Path) -> None:

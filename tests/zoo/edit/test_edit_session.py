@@ -1,5 +1,6 @@
 """A session of the editor, its command, and the analysis of frames in the background."""
 
+import runpy
 import shutil
 import signal
 from pathlib import Path
@@ -11,7 +12,7 @@ from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
 from tests.zoo.base.test_process_pool import wait_until
-from tests.zoo.command_runs import only_line, run_here, start, succeed
+from tests.zoo.command_runs import ROOT, only_line, run_here, start, succeed
 from zoo.base.errors import InputError
 from zoo.base.page_server import PageServer
 from zoo.checkpoints.policy_base import Command, Policy
@@ -138,3 +139,9 @@ def test_a_port_in_use_is_named_with_its_holder() -> None:
         pytest.raises(InputError, match=rf"port={first.server_port}: held by .*port=0"),
     ):
         PageServer(first.server_port, lambda *_: [])
+
+
+def test_two_servers_share_no_port_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("socket.SO_EXCLUSIVEADDRUSE", -5, raising=False)
+    server = runpy.run_path(str(ROOT / "zoo" / "base" / "page_server.py"))["PageServer"]
+    assert not server.allow_reuse_address
