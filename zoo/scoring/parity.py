@@ -17,6 +17,7 @@ from datamodules.recording_format import read_recordings
 from zoo.base.compose import compose_config
 from zoo.base.errors import InputError
 from zoo.base.machine import processor_name
+from zoo.base.rig import CURVATURE
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.checkpoint_path import trained_data
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
@@ -103,9 +104,11 @@ def compare(policy: CheckpointPolicy, exported: SessionPolicy, frames: Frames) -
 
     Policies with memory get the frames as one drive, and those that predict ahead are asked for
     another time at each frame. The network of an ONNX file also runs on all frames as one batch,
-    since it accepts any batch size.
+    since it accepts any batch size. A curvature is compared as it is: no car is driven.
     """
-    policies = (policy, exported)
+    policies = (policy.session(), exported.session())
+    for session in policies:
+        session.data = {**session.data, CURVATURE: None}
     times_ms: tuple[list[float], list[float]] = ([], [])
     answers: tuple[list[list[float]], list[list[float]]] = ([], [])
     with one_thread():

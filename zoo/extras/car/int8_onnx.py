@@ -58,7 +58,7 @@ class _Inputs(CalibrationDataReader):
             fed.append(inputs)
             return session.run(names, inputs)
 
-        policy.onnx = SimpleNamespace(run=run)
+        policy.onnx, policy.data = SimpleNamespace(run=run), {}  # a curvature stays as it is
         for frame, speed_mph in zip(frames.frames, frames.speeds_mph, strict=True):
             policy(frame, speed_mph)
         self._fed = iter(fed)

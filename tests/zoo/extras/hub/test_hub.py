@@ -49,6 +49,7 @@ def ran(tmp_path: Path) -> Path:
     config = contents["drivezoo"]["config"]
     config["data"]["root"] = "/home/ann_private/lake"
     config["logger"] = {"mlflow": {"tracking_uri": "http://ann:secret@host"}}
+    contents["drivezoo"]["data"]["curvature_per_m"] = 0.1625  # of no known car
     torch.save(contents, path)
     overrides = folder / ".hydra" / "overrides.yaml"
     overrides.write_text("- model=tiny\n- data.root=/home/ann_private/lake\n")
@@ -86,7 +87,7 @@ def test_the_card_says_what_it_is_and_how_it_drives(ran: Path, tmp_path: Path) -
     assert metrics == ["autonomy", "interventions"]
     for part in ("41 parameters", "13,938 rows", "drivezoo drive tiny.ckpt", "0 of 1"):
         assert part in text
-    for part in ("negative is left", "25 degrees", "320 x 160 pixels", "Latency: a frame takes"):
+    for part in ("left; it is the", "25 degrees", "320 x 160 pixels", "Latency: a frame takes"):
         assert part in text
 
 
