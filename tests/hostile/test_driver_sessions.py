@@ -6,6 +6,7 @@ None of them blocks a simulator or stays in memory, and no message silences a se
 import contextlib
 import json
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -114,6 +115,13 @@ def test_half_open_connections_block_no_simulator(fresh: Served) -> None:
         assert closed(held[0]), "the oldest is closed first"
     for connection in held:
         connection.close()
+
+
+def test_windows_waits_for_all_connections_at_a_time(monkeypatch) -> None:
+    from zoo.server.server import CLOSING, _connection_limit
+
+    monkeypatch.setitem(sys.modules, "resource", None)
+    assert _connection_limit() + CLOSING < 512  # sockets that `select` takes there
 
 
 def test_a_request_whose_head_never_ends_is_closed(impatient: Served) -> None:

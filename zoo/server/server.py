@@ -201,8 +201,8 @@ def _connection_limit() -> int:
     """Return how many connections the limit of open files allows, after raising it if possible."""
     try:
         import resource as module
-    except ImportError:  # Windows, which has no such limit for sockets
-        return MOST_CONNECTIONS
+    except ImportError:  # Windows, where eventlet waits with `select`, which takes 512 sockets
+        return 512 - OTHER_FILES
     resource: Any = module  # whose names mypy does not find for Windows
     wanted = MOST_CONNECTIONS + OTHER_FILES
     endless = {resource.RLIM_INFINITY: wanted}
