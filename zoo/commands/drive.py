@@ -157,8 +157,7 @@ class EmbeddedClient:
 
     def __init__(self, track: str | None, url: str, laps: float | None, put_back: bool) -> None:
         self._track, self._options = track, [f"track={track}", f"url={url}", "truth=true"]
-        self._options += [f"put_back={str(put_back).lower()}"]
-        self._options += [f"laps={laps}"] if laps else []
+        self._options += [f"put_back={str(put_back).lower()}", f"laps={laps or 0}"]
         self._process: subprocess.Popen | None = None
 
     def start(self) -> None:

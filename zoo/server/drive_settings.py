@@ -91,21 +91,23 @@ class DriveSettings:
         """Return where it drives, as of the scenario of an evaluation; None if it is unknown."""
         if self.world is not None:
             return f"{self.host}:{self.port}/{self.scene}"
-        if self.sim is not None:
-            return recorded_name(short_name(self.sim))
-        return None
+        return self.sim and recorded_name(short_name(self.sim))
 
 
 def check_settings(settings: DriveSettings) -> None:
     """Check what can be checked before the port is opened.
 
     Raises:
-        UsageError: other machines could connect although `expose` is false; or both `sim` and
-            `world` are named.
+        UsageError: other machines could connect although `expose` is false; both `sim` and
+            `world` are named; or a key changes nothing in the simulator.
         InputError: there is no such track, or its file cannot be read.
     """
     if settings.sim and settings.world:
         raise UsageError(f"sim={settings.sim}: world={settings.world} is driven; drop one")
+    idle = () if settings.world else ("scene", "page", *("laps", "put_back") * (not settings.sim))
+    for key in idle:
+        if getattr(settings, key) != getattr(DriveSettings, key):
+            raise UsageError(f"{key}: changes nothing here; drop it, or add sim= or world=")
     if settings.sim is not None:
         from zoo.simulator.track_file import read_track  # slow import: scipy
 
@@ -113,6 +115,5 @@ def check_settings(settings: DriveSettings) -> None:
             read_track(settings.sim)
     if not settings.expose and not is_loopback(settings.server[0]):
         raise UsageError(
-            f"host={settings.host}: other machines could connect and drive; to allow it, add "
-            "expose=true"
+            f"host={settings.host}: other machines could connect; add expose=true to allow it"
         )

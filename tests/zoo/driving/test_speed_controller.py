@@ -175,3 +175,10 @@ def test_a_track_that_does_not_exist_is_refused_before_anything_starts() -> None
     with pytest.raises(InputError, match=r"sim=laek: .*did you mean lake"):
         check_settings(DriveSettings(**constructed(DriveSettings, {"sim": "laek"})))
     check_settings(read_options(DriveSettings, ["sim=lake"]))
+
+
+@pytest.mark.parametrize("typed", ["laps=1", "put_back=false", "scene=warren sim=lake", "page=0"])
+def test_a_key_that_no_simulator_reads_is_refused(typed: str) -> None:
+    with pytest.raises(InputError, match=r"^\w+: changes nothing here; drop it, or add sim= or"):
+        check_settings(read_options(DriveSettings, typed.split()))
+    check_settings(read_options(DriveSettings, [*typed.split()[:1], "world=donkey"]))
