@@ -68,6 +68,13 @@ def test_a_folder_with_an_open_file_keeps_its_name(windows: Windows) -> None:
         windows.run("-c", "import os; log = open('lake/log.csv', 'wb'); os.rename('lake', 'hill')")
 
 
+def test_a_new_file_that_fails_is_closed_and_removed(windows: Windows) -> None:
+    failing = "import pathlib, zoo.base.whole_file as file; file.write_new(pathlib.Path('a'), 0)"
+    with pytest.raises(AssertionError, match="TypeError: a bytes-like object is required"):
+        windows.run("-c", failing)
+    assert not (windows.place / "a").exists()
+
+
 @pytest.mark.slow
 def test_a_network_drives_over_the_socket(windows: Windows) -> None:
     printed = windows.command("zoo.commands.drive", "lenet sim=lake laps=0.01 port=0")

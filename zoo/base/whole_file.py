@@ -106,13 +106,13 @@ def write_new(path: Path, data: bytes | memoryview) -> None:
     Raises:
         OSError: the file exists, or cannot be written.
     """
-    with path.open("xb") as file:
-        try:
+    file = path.open("xb")
+    try:
+        with file:
             file.write(data)
-            file.flush()
-        except BaseException:
-            path.unlink(missing_ok=True)
-            raise
+    except BaseException:  # now it is closed: Windows removes no open file
+        path.unlink(missing_ok=True)
+        raise
 
 
 class AppendedFile:
