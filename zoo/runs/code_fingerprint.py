@@ -41,7 +41,7 @@ def code_fingerprint() -> CodeFacts:
 
 
 def hash_of_code(root: Path, conf: Path) -> str:
-    """Return sixteen hexadecimal digits, the same for a checkout and its installed package."""
+    """Return 16 hexadecimal digits, the same for checkouts of all systems and installed packages."""
     files = {
         path.relative_to(root).as_posix(): path
         for package in PACKAGES
@@ -52,7 +52,8 @@ def hash_of_code(root: Path, conf: Path) -> str:
     files |= {f"conf/{path.relative_to(conf).as_posix()}": path for path in conf.rglob("*.yaml")}
     digest = hashlib.sha256()
     for name in sorted(files):
-        digest.update(f"{name}\n{hashlib.sha256(files[name].read_bytes()).hexdigest()}\n".encode())
+        text = files[name].read_bytes().replace(b"\r\n", b"\n")  # git writes CRLF on Windows
+        digest.update(f"{name}\n{hashlib.sha256(text).hexdigest()}\n".encode())
     return digest.hexdigest()[:16]
 
 
