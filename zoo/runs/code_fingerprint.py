@@ -41,7 +41,7 @@ def code_fingerprint() -> CodeFacts:
 
 
 def hash_of_code(root: Path, conf: Path) -> str:
-    """Return 16 hexadecimal digits, the same for checkouts of all systems and installed packages."""
+    """Return 16 hexadecimal digits, the same in checkouts of all systems and in packages."""
     files = {
         path.relative_to(root).as_posix(): path
         for package in PACKAGES
