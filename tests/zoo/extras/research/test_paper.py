@@ -171,7 +171,7 @@ def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) 
         run_notebook("study.ipynb", **tiny | {"RECORDING": "typo"})
     first = run_notebook("study.ipynb", **tiny)
     for name in ("metrics.json", "status.json"):  # as if killed in this training
-        (here / "study" / "tiny-1" / name).unlink()
+        (here / "study" / f"{recorded.folder.name}-0-epochs" / "tiny-1" / name).unlink()
     second = run_notebook("study.ipynb", **tiny)
     assert second["ranking"].table() == first["ranking"].table()
     assert len(first["comparisons"]) == 1
@@ -179,6 +179,8 @@ def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) 
     assert "linear & 15 & 1 &" in (here / "study" / "paper" / "table.tex").read_text()
     archive = zipfile.ZipFile(here / "study" / "paper" / "repeat.zip").namelist()
     assert sum(name.endswith(".ckpt") for name in archive) == 2
+    third = run_notebook("study.ipynb", **tiny | {"SEEDS": [1, 2], "MODELS": ["linear"]})
+    assert len(third["entries"]["linear"].result.checkpoints) == 2, "drives of one seed are read"
 
 
 @pytest.mark.parametrize("name", ODD_NAMES[::4])  # a formula, and control characters
