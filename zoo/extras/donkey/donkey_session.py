@@ -214,8 +214,7 @@ class DonkeySession:
 
     def _open(self, scene: str) -> None:
         rig = replace(UDACITY, name="donkeycar", cameras=self.cameras)
-        rate = 1 / self._frame_s
-        opened = open_world(track_of(scene), self.renderer, frame_rate=rate, rig=rig)
+        opened = open_world(track_of(scene), self.renderer, frame_rate=1 / self._frame_s, rig=rig)
         self.close()
         self.world, self.scene = opened, scene
         self._begin(opened)

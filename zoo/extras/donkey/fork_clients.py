@@ -60,8 +60,9 @@ class ForkClient(Client, ABC):
 
     @property
     def finished(self) -> bool:
-        """Return whether the seconds of the options are driven, over all episodes."""
-        return len(self.cte) * self.world.frame_s >= (self.options.seconds or math.inf)
+        """Return whether the options' seconds are driven over all episodes, or laps in one."""
+        ends = len(self.cte) * self.world.frame_s >= (self.options.seconds or math.inf)
+        return ends or (self.options.laps > 0 and self.world.is_complete(self.options.laps))
 
     @property
     def driven(self) -> str:

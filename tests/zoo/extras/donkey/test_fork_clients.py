@@ -80,6 +80,11 @@ def test_maxitwo_drives_the_road_of_its_string_and_begins_again_after_the_end() 
     assert f"{client.counts['episodes']} episodes in 7.0 s" in printed
 
 
+def test_an_episode_of_the_laps_is_the_last() -> None:
+    _, client, _ = drive("maxitwo", maxitwo(STRAIGHT), laps=1.0, seconds=20.0, frame_rate=5)
+    assert client.world.at_end, "the end of an open road"
+
+
 def test_maxitwo_speeds_are_in_metres_per_second() -> None:
     sent, _, _ = drive("maxitwo", maxitwo(STRAIGHT), frame_rate=25)
     before, after = (data for _, data in sent[-2:])
