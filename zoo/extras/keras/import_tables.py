@@ -43,7 +43,7 @@ def input_table(
     divisor, less = chosen.scale
     values = {
         "colour": view.colour,
-        "crop": f"{view.crop[0]} rows at the top, {view.crop[1]} at the bottom",
+        "crop": f"{view.crop[0]} of 160 rows at the top, {view.crop[1]} at the bottom",
         "size": f"{height} x {width_px}",
         "resize": view.resize if view.size else "-",
         "scale": f"pixel / {divisor:g} - {less:g}",
@@ -83,8 +83,7 @@ def trials_table(judged: Judgement, width: int) -> Table:
     *names, scale, _, _, _ = columns = Columns.of(headings, rows).columns
     if len(set(scale.cells)) > 1:  # else the file or the user tells it
         names.append(scale)
-    frames = len(shown[0].steering)
-    title = f"the best of the inputs tried, on {frames} frames in bends"
+    title = f"the best of the inputs tried, on {len(shown[0].steering)} frames in bends"
     return fitted_table(title, names, columns[4:], width, first=2)[0]
 
 

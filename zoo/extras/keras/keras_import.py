@@ -59,8 +59,7 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     """
     path = Path(file).expanduser()
     inputs: list[str | Path] = [path, *([options.weights] if options.weights else [])]
-    out = Path(options.out or path.stem + SUFFIX)
-    out = checked_file(out, (SUFFIX,), inputs=inputs, into_folder=True)
+    out = checked_file(options.out or path.stem + SUFFIX, [SUFFIX], inputs=inputs, into_folder=True)
     model = read_keras_apart(path, Path(options.weights).expanduser() if options.weights else None)
     recording = read_recordings(options.recording) if options.recording else None
     converted, facts = _known(model, options, searches=recording is not None)
@@ -74,15 +73,16 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     else:
         judged = find_input(path, converted, facts, recording, options, console)
         chosen, rest = judged.best.combination, SEARCH
+        if (frame := recording.frame_size()) and frame != chosen.view.frame:
+            view = replace(chosen.view, size=chosen.view.shape[:2], frame=frame)
+            chosen = replace(chosen, view=view)
     sources = _sources(facts, options, rest)
     console.print(input_table(chosen, options.steering, sources, console.width))
     if recording is None:
-        again = _again(path, replace(options, recording="FOLDER"))
-        _warn_of_guesses(facts, chosen, again, console)
+        _warn_of_guesses(facts, chosen, _again(path, replace(options, recording="FOLDER")), console)
     source = "donkeycar" if model.is_donkeycar else None
     data = _write(out, path, converted, chosen, recording, source)
-    following = next_drive(out, data, ["evaluate", out, "track=udacity_lake"])
-    print_written([out], following, console)
+    print_written([out], next_drive(out, data, ["evaluate", out, "track=udacity_lake"]), console)
     return out
 
 
@@ -142,15 +142,16 @@ def _known(
 
 
 def _as_donkeycar(facts: KnownInput) -> KnownInput:
-    """Return the input of a network of Donkeycar: the frame as it is, whose sides are 4 to 3."""
+    """Return the input of a network of Donkeycar: the frame as it is, or one of 4 to 3 cropped."""
     rows, columns, channels = facts.shape
     frame = (3 * columns // 4, columns)
+    crop = facts.crop or ((0, 0) if (rows, columns) in (frame, FRAME) else None)
     return replace(
         facts,
         colour=facts.colour or ("rgb" if channels == 3 else "gray"),
-        crop=facts.crop or ((0, 0) if rows == frame[0] else None),
+        crop=crop,
         resize=facts.resize or USUAL_RESIZE,
-        frame=frame,
+        frame=(rows, columns) if crop == (0, 0) else frame,
     )
 
 

@@ -14,7 +14,7 @@ import torch
 from datamodules.image import read_image
 from datamodules.recording_format import read_recordings
 from datamodules.view import View
-from tests.recordings import Written, write_recording
+from tests.recordings import Written, write_recording, write_resized
 from tests.slow_members import slow
 from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.extras.keras.keras_files import Layer, lambda_config, write_h5
@@ -174,11 +174,13 @@ def test_a_network_that_never_learned_is_not_certain(lake: Written, tmp_path: Pa
     weights = rng.normal(size=(12 * 40 * 3, 1)).astype(np.float32) / 1000
     dense = dense_layer(weights, np.zeros(1, np.float32))
     write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
-    keys = (f"recording={lake.folder}", "drive=false", "frames=60")
+    small = write_resized(lake, tmp_path / "small", 160, 120)
+    keys = (f"recording={small.folder}", "drive=false", "frames=60")
     printed = succeed(import_file(tmp_path, "random.h5", *keys))
     assert "not certain: " in printed
     assert "how it drives: not tried" in printed
-    assert (tmp_path / "random.ckpt").is_file()
+    view = load_checkpoint(tmp_path / "random.ckpt").view
+    assert (view.frame, view.size) == ((120, 160), (12, 40)), "the size of the recording"
 
 
 @pytest.mark.parametrize("outputs", [1, 2])

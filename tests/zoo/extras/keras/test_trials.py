@@ -33,7 +33,7 @@ from zoo.extras.keras.combinations import (
 from zoo.extras.keras.import_tables import print_judgement
 from zoo.extras.keras.judgement import Driven, Judgement, judge, search
 from zoo.extras.keras.keras_file import read_keras
-from zoo.extras.keras.keras_import import network_maker
+from zoo.extras.keras.keras_import import _as_donkeycar, network_maker
 from zoo.extras.keras.keras_layers import convert
 from zoo.extras.keras.trials import Trial, Trials, concordance, planned_images
 
@@ -154,6 +154,9 @@ def test_every_colour_of_three_channels_is_tried_with_every_crop_and_unknown_sca
 def test_a_whole_frame_is_not_cropped() -> None:
     entries = combinations(KnownInput(shape=(160, 320, 3), scale=SCALES[0]))
     assert {(entry.view.crop, entry.view.size) for entry in entries} == {((0, 0), None)}
+    for crop, frame in ((None, (160, 320)), ((0, 0), (66, 200))):
+        donkeycar = _as_donkeycar(KnownInput(shape=(*frame, 3), crop=crop))
+        assert (donkeycar.crop, donkeycar.frame) == ((0, 0), frame)
 
 
 def test_a_crop_that_leaves_the_input_is_not_resized() -> None:
