@@ -34,6 +34,7 @@ def plan_cached_features(
     network: nn.Module,
     data: RunData,
     device: torch.device,
+    threads: int,
     console: Console,
 ) -> FeaturePlan | None:
     """Return which features of the frozen front to train on, as `model.cache_features` says.
@@ -43,6 +44,7 @@ def plan_cached_features(
         network: network with the weights that training starts from.
         data: loaded data.
         device: device that computes features and trains.
+        threads: number of threads that do, on which features depend.
         console: console for the decision.
 
     Returns:
@@ -61,7 +63,7 @@ def plan_cached_features(
         return None
     if frozen is not None and isinstance(data, DrivingData):
         network.to(device)
-        plan = _refusal(config, data) or _plan(config, frozen, data)
+        plan = _refusal(config, data) or _plan(config, _front(frozen, data, threads), data)
     elif setting == "auto":
         return None
     else:
@@ -83,14 +85,14 @@ def plan_cached_features(
     return None
 
 
-def _plan(config: DictConfig, frozen: nn.Module, data: DrivingData) -> FeaturePlan | str:
+def _plan(config: DictConfig, front: Front, data: DrivingData) -> FeaturePlan | str:
     """Return the plan; where `auto` does not cache, why, and what to set."""
     plan = plan_features(
         data.recording,
         data.views,
         data.options.cameras,
         data.view,
-        _front(frozen, data),
+        front,
         mirrored=data.options.flip != 0,
         cache=data.options.cache_folder,
     )
@@ -101,8 +103,7 @@ def _plan(config: DictConfig, frozen: nn.Module, data: DrivingData) -> FeaturePl
 
 def _refusal(config: DictConfig, data: DrivingData) -> str | None:
     """Return why features cannot be cached, and what to set; None if they can."""
-    changes = [name for name, settings in (config.data.augment or {}).items() if settings]
-    if changes:
+    if changes := [name for name, settings in (config.data.augment or {}).items() if settings]:
         return f"augment=[{','.join(changes)}] changes every image; set augment=[]"
     if data.views.shards:
         return "shards may be larger than the disk; train on a log"
@@ -129,7 +130,7 @@ def _place(plan: FeaturePlan) -> str:
     return f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
 
 
-def _front(frozen: nn.Module, data: DrivingData) -> Front:
+def _front(frozen: nn.Module, data: DrivingData, threads: int) -> Front:
     device = next(frozen.parameters()).device
 
     @torch.inference_mode()
@@ -141,7 +142,9 @@ def _front(frozen: nn.Module, data: DrivingData) -> Front:
         return features.permute(0, 2, 3, 1).contiguous().cpu().numpy()
 
     shape = compute(np.zeros((1, *data.view.shape), np.uint8)).shape[1:]
-    return Front(compute, shape, fingerprint(frozen))
+    # Sums are rounded in another order by other threads, processors and versions of PyTorch.
+    made_by = [device.type, threads, torch.backends.cpu.get_cpu_capability(), torch.__version__]
+    return Front(compute, shape, f"{fingerprint(frozen)} {made_by}")
 
 
 def fingerprint(frozen: nn.Module) -> str:

@@ -63,10 +63,9 @@ class TrainingPlan:
     def line(self) -> str:
         """Return the line to print."""
         processes = f", {self.processes} processes" if self.processes > 1 else ""
-        together = f", {self.batches_per_step} batches per step"
         return (
             f"plan: {self.precision} on {self.device}{processes}, {counted(self.threads, 'thread')}"
-            + together * (self.batches_per_step > 1)
+            + f", {self.batches_per_step} batches per step" * (self.batches_per_step > 1)
             + ", compiled" * bool(self.compiled_batch)
             + ", as a CUDA graph" * bool(self.captured_batch)
             + ", cached features" * bool(self.features)
@@ -122,17 +121,18 @@ def make_plan(
     group, least = GROUP // data.windows.sequence, 1
     if device.type == "cuda":
         group, least = GROUP_IMAGES // (data.batch_size * data.windows.sequence), 2
+    threads = _threads(parameters, world)
     may_group = is_overhead and grouped and is_own and _may_group(config, trainer)
     return TrainingPlan(
         device=device,
         processes=world,
         precision=precision,
-        threads=_threads(parameters, world),
+        threads=threads,
         batch_device=batch_device,
         batches_per_step=max(least, group) if may_group else 1,
         compiled_batch=compiled_batch,
         captured_batch=data.batch_size if may_group and device.type == "cuda" else None,
-        features=plan_cached_features(config, network, data, device, console),
+        features=plan_cached_features(config, network, data, device, threads, console),
     )
 
 

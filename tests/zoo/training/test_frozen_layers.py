@@ -1,7 +1,6 @@
 """A frozen front's features, computed once: nothing else about a training may change."""
 
 import copy
-import re
 from pathlib import Path
 
 import lightning
@@ -82,15 +81,23 @@ def test_vgg_is_its_front_and_its_rest_to_the_bit(trainable: int) -> None:
 
 def test_a_fingerprint_is_of_the_frozen_weights_alone() -> None:
     torch.manual_seed(0)
-    network = Vgg16(SHAPE, 1)
+    network = Vgg16(SHAPE, 1).requires_grad_(False)
     before = fingerprint(network.facts.frozen_front)
-    with torch.no_grad():
-        network.head[0].weight += 1
-        network.features[-3].weight += 1
+    network.head[0].weight += 1
+    network.features[-3].weight += 1
     assert fingerprint(network.facts.frozen_front) == before
-    with torch.no_grad():
-        network.features[0].bias[0] += 1e-3
+    network.features[0].bias[0] += 1e-3
     assert fingerprint(network.facts.frozen_front) != before
+
+
+def test_features_that_other_threads_computed_are_not_taken(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for threads in "12":  # which round the sums of a feature otherwise
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        config = compose(recorded, tmp_path, "model.cache_features=true", "data.flip=0")
+        prepare(config, tmp_path / "run", Console(quiet=True))
+    assert len([*tmp_path.glob("*.npy")]) == 3, "the views, and the features of each"
 
 
 def test_random_frozen_blocks_are_neither_dead_nor_huge(recorded: Written) -> None:
@@ -219,8 +226,8 @@ def test_a_disk_without_room_is_said_before_anything_is_computed(
     monkeypatch.setattr(FeaturePlan, "free_bytes", lambda _: 100_000)
     keys = (f"model.cache_features={setting}", "model.size=[32,64]", "trainer.max_epochs=9")
     config = compose(recorded, tmp_path / "cache", *keys)
-    words = rf"cache_features={setting}: .*1 MB, with 0 MB free .*; set a smaller .*=false"
-    with pytest.raises(InputError, match=re.compile(words, re.IGNORECASE)):
+    words = rf"(?i)cache_features={setting}: .*1 MB, with 0 MB free .*; set a smaller .*=false"
+    with pytest.raises(InputError, match=words):
         prepare(config, tmp_path / "run", console)
 
 
