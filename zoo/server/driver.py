@@ -107,8 +107,7 @@ class Driver:
         """
         wall_s = time.perf_counter() if now_s is None else now_s
         now_s = session.now(data, wall_s)
-        if self._began_s is None:
-            self._began_s = now_s
+        self._began_s = now_s if self._began_s is None else self._began_s
         elapsed_s, session.last_s = now_s - session.last_s, now_s
         served_s, session.heard_s = wall_s - session.heard_s, wall_s
         self.tally.step(elapsed_s, served_s, session.speed_mph, session.sends_cross_track)
@@ -308,6 +307,7 @@ class Driver:
             lap=self._lap,
             xy=self._xy,
             steering=row.steering,
+            steering_deg=self.writer.rig and self.writer.rig.steering_deg,
             spread=known(row.spread),
             throttle=row.throttle,
             speed_mph=known(row.speed_mph) or 0.0,

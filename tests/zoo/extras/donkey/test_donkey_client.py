@@ -88,6 +88,7 @@ def test_a_pause_and_a_damaged_image_are_braked_for(
         client.start()
         while not client.ended:
             eventlet.sleep(0.01)
+    assert driver.latest().steering_deg is None, "degrees of an unknown car are not shown"
     assert (driver.tally.telemetry, driver.tally.fallbacks) == (9, 1)
     braked = [message["brake"] for message in received if message["msg_type"] == "control"]
     assert braked[5:7] == ["0.2" if paused else "0.0", "0.2"]

@@ -10,7 +10,7 @@ const SILENT_S = 1.5; // without telemetry, after which the status warns
 const LOST_S = 3; // that the status shows an intervention after which the car was put back at once
 const CHART_S = 30;
 const WAY_M = 3, JUMP_M = 50, MOST_WAY = 3000; // metres between points of the map, and its points
-const MAX_STEERING_DEG = 25; // of the front wheels, at a steering of 1
+const USUAL_DEG = 25; // of the drawn front wheels at a steering of 1, if the car is unknown
 const BAND = 1.96; // spreads on each side that hold 95 % of a normal distribution
 const WHEEL_RATIO = 6; // angle of the drawn steering wheel per angle of the front wheels
 
@@ -50,6 +50,13 @@ function number(value, digits, sign = false) {
   return (value < 0 && !zero ? "−" : sign && !zero ? "+" : "") + text;
 }
 
+// Degrees of the front wheels; of an unknown car the share of its full steering.
+function angle(steering, digits, sign = false) {
+  const degrees = state.steering_deg;
+  if (degrees === null) return `${number(100 * steering, 0, sign)} %`;
+  return `${number(steering * degrees, digits, sign)}°`;
+}
+
 function text(id, value) {
   if ($(id).textContent !== value) $(id).textContent = value;
 }
@@ -61,10 +68,10 @@ function show(next) {
   const { steering, spread, throttle, speed_mph: speed, cross_track_m: offset } = state;
   const band = spread === null ? 0 : BAND * spread;
   note(state.time_s, state.telemetry, steering, band);
-  text("angle", steering === null ? dash : `${number(steering * MAX_STEERING_DEG, 1, true)}°`);
-  text("band", spread === null ? "" : `± ${number(band * MAX_STEERING_DEG, 1)}°`);
+  text("angle", steering === null ? dash : angle(steering, 1, true));
+  text("band", spread === null ? "" : `± ${angle(band, 1)}`);
   text("strip-name", spread === null ? "Steering" : "Steering with its 95 % band");
-  $("wheel").style.transform = `rotate(${(steering ?? 0) * MAX_STEERING_DEG * WHEEL_RATIO}deg)`;
+  $("wheel").style.transform = `rotate(${(steering ?? 0) * (state.steering_deg ?? USUAL_DEG) * WHEEL_RATIO}deg)`;
   text("speed-value", number(speed, 1));
   text("pedal-name", throttle < 0 ? "Brake" : "Throttle");
   text("pedal-value", throttle === null ? dash : number(Math.abs(throttle), 2));
@@ -238,10 +245,9 @@ function drawChart() {
   pen.font = `15px ${getComputedStyle(document.body).fontFamily}`;
   pen.fillStyle = colour("--soft");
   pen.textBaseline = "middle";
-  const degrees = number(range * MAX_STEERING_DEG, 0);
-  pen.fillText(`${degrees}° left`, right + 12, y(-range));
-  pen.fillText("0°", right + 12, middle);
-  pen.fillText(`${degrees}° right`, right + 12, y(range));
+  pen.fillText(`${angle(range, 0)} left`, right + 12, y(-range));
+  pen.fillText(angle(0, 0), right + 12, middle);
+  pen.fillText(`${angle(range, 0)} right`, right + 12, y(range));
   pen.strokeStyle = pen.fillStyle = colour("--accent");
   drawBand(pen, x, (steering) => y(Math.min(Math.max(steering, -range), range)));
   pen.lineWidth = 3;
