@@ -55,20 +55,19 @@ def sweep(arguments: list[str]) -> None:
         raise InputError(
             "hydra.sweep.subdir: cannot be set, a job's folder is its number; remove the override"
         )
-    folder, console = _composed_folder(arguments), wide_console()
+    folder = _composed_folder(arguments)
     if what == arguments:
-        folder = find_unfinished(what, console) or folder
+        folder = find_unfinished(what, wide_console()) or folder
     elif (folder / records.NAME).is_file():
         record = records.read_record(folder)
         if not records.is_same(record, what):
             typed = command_line(record.arguments)
             raise InputError(f"{folder}: holds another sweep ({typed}); name another folder")
         _refuse_changed(folder, record)
-    finished = False
-    if (folder / records.NAME).is_file():
+    is_begun = (folder / records.NAME).is_file()
+    if is_begun:
         what = records.in_its_order(records.read_record(folder), what)
-        finished = _all_done(folder)
-    run_sweep(folder, what, console, finished)
+    run_sweep(folder, what, is_begun and _all_done(folder))
 
 
 def go_on(folder: Path, more: list[str]) -> None:
@@ -101,13 +100,12 @@ def go_on(folder: Path, more: list[str]) -> None:
     if "hydra/launcher" in keys:  # another launcher does not take the earlier one's settings
         kept = [word for word in kept if not word.startswith("hydra.launcher")]
     refuse_missing([*kept, *more])
-    console = wide_console()
-    print_line(console, _resuming_line(folder, record))
+    print_line(wide_console(), _resuming_line(folder, record))
     with resumed_from(saved):
-        run_sweep(folder, [*kept, *more], console, finished=_all_done(folder) and not more)
+        run_sweep(folder, [*kept, *more], finished=_all_done(folder) and not more)
 
 
-def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
+def run_sweep(folder: Path, arguments: list[str], finished: bool) -> None:
     """Run the jobs in `folder` that are not done, then rank all jobs."""
     check_name(folder, "hydra.sweep.dir=")
     with written_folder(folder, FOLDER_KEY):
@@ -120,17 +118,19 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
                 _run_hydra([*hydra_overrides(arguments, sweep=True), named])
             except KeyboardInterrupt:
-                again = command_line(["drivezoo", "sweep", f"resume={folder}", *typed_parts()])
-                raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
+                words = ["drivezoo", "sweep", f"resume={folder}", *typed_parts()]
+                words += [word for word in arguments if word.startswith("hydra.sweeper.n_trials=")]
+                again = f"resume with the same command, or: {command_line(words)}"
+                raise StoppedError(f"stopped; {again}") from None
             except Exception:
                 if is_new and not records.job_folders(folder):  # as after a typo
                     for name in (records.NAME, *LIBRARY_FILES):
                         (folder / name).unlink(missing_ok=True)
                 raise
-        conclude(folder, console)
+        conclude(folder)
 
 
-def conclude(folder: Path, console: Console) -> None:
+def conclude(folder: Path) -> None:
     """Print the ranking of a sweep's jobs and write its page.
 
     Raises:
@@ -139,7 +139,7 @@ def conclude(folder: Path, console: Console) -> None:
     folders = records.job_folders(folder)
     ranking = Ranking.read(folders, folder, title=counted(len(folders), "job"))
     ranking.written.append(ranking.write_page(folder / PAGE, f"Sweep {folder.name}"))
-    ranking.show(console)
+    ranking.show()
     if failed := [run for run in ranking.unranked if run.why in ("failed", "stopped")]:
         reasons = "; ".join(f"{run.folder.name}: {run.reason or 'it was killed'}" for run in failed)
         again = "the same command runs them again"

@@ -54,7 +54,7 @@ def sweep_search(
         )
     _check_monitor(config.hydra.sweeper.monitor, fixed, config, context)
     search = Search(config.hydra.sweeper, fixed, space, folder)
-    add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
+    add_to_record(folder, search=True, jobs=None, data=recordings_of([fixed], config, context))
     console = sweep_console(folder)
     numbers = search.own_trials(running=True) or search.ask()
     if not numbers:

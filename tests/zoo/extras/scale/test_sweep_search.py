@@ -4,16 +4,18 @@ import json
 import re
 import shutil
 import subprocess
+from functools import partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from tests.recordings import Written
 from tests.slow_members import slow
-from tests.zoo.command_runs import only_line, succeed
+from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.sweeps import write_run
 from tests.zoo.training.test_sweep_command import sweep
-from zoo.extras.scale.sweep_search import _value
+from zoo.extras.scale import sweep_search
 from zoo.runs.status import read_status
 
 optuna = pytest.importorskip("optuna")
@@ -68,10 +70,18 @@ def test_a_trial_that_others_beat_is_pruned(recorded: Written, study: "optuna.St
 
 
 @pytest.mark.usefixtures("study_file")
-def test_a_study_that_has_all_trials_trains_nothing_and_prints_so(recorded: Written) -> None:
+def test_a_study_that_has_all_trials_trains_nothing_until_it_gets_others(
+    recorded: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = succeed(search(recorded, "hydra.sweeper.n_trials=2"))
     assert re.search(r"study: 2 of 2 trials, 2 complete; best .*; hydra\.sweeper\.n_trials=", out)
     assert not Path("s/2").exists()
+    resume = partial(run_here, Path.cwd(), "resume=s", "trust=hydra.sweeper.storage")
+    with monkeypatch.context() as stopping:
+        stopping.setattr(sweep_search, "run_jobs", Mock(side_effect=KeyboardInterrupt))
+        result = resume("hydra.sweeper.n_trials=3", module="zoo.commands.sweep")
+    assert only_line(result, 130).endswith("drivezoo sweep resume=s hydra.sweeper.n_trials=3")
+    assert "job 2: pruned" in succeed(resume(module="zoo.commands.sweep"))
 
 
 @pytest.mark.usefixtures("here")
@@ -105,11 +115,11 @@ def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(tmp_
         driven = {"interventions": [interventions, 0.0], "driven_s": [180.0, 0.0]}
         metrics["drive"]["tracks"]["lake"] |= driven
         (folder / "metrics.json").write_text(json.dumps(metrics))
-        values.append(_value(folder, "drive/score"))
+        values.append(sweep_search._value(folder, "drive/score"))
     assert values == sorted(values, reverse=True)
     assert len(set(values)) == len(values)
     assert values[0] == pytest.approx(1 - 6 / 180 * (0.1 / 1.1))
-    assert _value(write_run(tmp_path / "undriven"), "drive/score") is None
+    assert sweep_search._value(write_run(tmp_path / "undriven"), "drive/score") is None
 
 
 def test_a_study_of_another_figure_is_refused(recorded: Written, study: "optuna.Study") -> None:
