@@ -36,7 +36,7 @@ class EnsemblePolicy(Policy):
     Attributes:
         view: the first member's.
         config: the first member's, with `name` as the model's name.
-        data: the members', where it is the same for all; else empty.
+        data: facts on the recordings that are the same for all members.
     """
 
     predicts_spread = True
@@ -45,11 +45,11 @@ class EnsemblePolicy(Policy):
         self._members = tuple(members)
         first = self.members[0]
         self.view = first.view
-        self.data = first.data if all(member.data == first.data for member in self.members) else {}
+        facts = [member.data.items() for member in self.members]
+        self.data = dict(fact for fact in facts[0] if all(fact in others for others in facts))
         counts = Counter(member.name for member in self.members)
         self.name = " and ".join(f"{count} {name}" for name, count in counts.items())
-        model = first.config.get("model", {}) | {"name": self.name}
-        self.config = {**first.config, "model": model}
+        self.config = {**first.config, "model": first.config.get("model", {}) | {"name": self.name}}
         self.parameters = sum(member.parameters for member in self.members)
         self.takes_speed = any(member.takes_speed for member in self.members)
         self.outputs = min(member.outputs for member in self.members)

@@ -61,8 +61,9 @@ def test_it_describes_its_members() -> None:
     policy = EnsemblePolicy([Member(0.1), Member(0.2)])
     assert (policy.name, policy.parameters, policy.data) == ("2 Member", 20, {"rows": 3})
     assert policy.config == {"seed": 1, "model": {"name": "2 Member"}}
-    policy.members[1].data = {"rows": 4}
-    assert EnsemblePolicy(policy.members).data == {}
+    for rows, member in enumerate(policy.members):
+        member.data = {"rows": rows, "source": "donkeycar"}
+    assert EnsemblePolicy(policy.members).data == {"source": "donkeycar"}
 
 
 def test_the_latency_reaches_the_members_that_predict_ahead() -> None:
