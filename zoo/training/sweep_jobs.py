@@ -142,11 +142,9 @@ def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
             status = read_status(job.folder)
             if status != before[job] and status.get("status") != "running":
                 waiting.remove(job)
-                print_line(
-                    console,
-                    f"{len(jobs) - len(waiting)}/{len(jobs)}  job {job.number} "
-                    f"({varied[job.overrides]}): {result_text(job.folder)}",
-                )
+                number = f"{len(jobs) - len(waiting)}/{len(jobs)}  job {job.number}"
+                words = number, varied[job.overrides], result_text(job.folder)
+                print_line(console, ": ".join(filter(None, words)))
 
     def poll() -> None:
         while not over.wait(POLL_S):
@@ -255,8 +253,8 @@ def run_job(config: DictConfig) -> None:
 
 def _heading(folder: Path) -> str:
     """Return the job's number and the overrides that only it has."""
-    jobs = read_record(folder.parent).jobs
-    if jobs is None:
+    jobs = read_record(folder.parent).jobs or []
+    if len(jobs) < 2:
         return f"job {folder.name}"
     changes = varying(jobs)[tuple(jobs[int(folder.name)])]
     return f"job {folder.name} (0 to {len(jobs) - 1}): {changes}"

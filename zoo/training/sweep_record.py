@@ -130,8 +130,10 @@ def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
 
     >>> varying([("a=1", "b=1"), ("++a=2", "b=1")])
     {('a=1', 'b=1'): 'a=1', ('++a=2', 'b=1'): 'a=2'}
+    >>> varying([("a=1",)])
+    {('a=1',): ''}
     """
-    shared = set.intersection(*(set(job) for job in jobs)) if len(jobs) > 1 else set()
+    shared = set.intersection(*map(set, jobs))
     return {
         tuple(job): " ".join(word.lstrip("+") for word in job if word not in shared) for job in jobs
     }

@@ -34,7 +34,7 @@ from zoo.commands.train import each_seed
 from zoo.runs.status import GONE_S, is_alive, read_status, write_status
 from zoo.training import start_sweep
 from zoo.training.start_sweep import find_unfinished, refuse_missing
-from zoo.training.sweep_jobs import Job, launch_all
+from zoo.training.sweep_jobs import Job, _heading, launch_all, watched
 from zoo.training.sweep_record import (
     add_to_record,
     log_digest,
@@ -356,6 +356,14 @@ def test_a_process_that_dies_fails_its_job_and_the_others_are_launched_again(
     assert [status(job.folder) for job in jobs] == ["finished", "failed", "finished"]
     assert launched == [[0, 1, 2], [2]]
     assert "killed" in read_status(jobs[1].folder)["reason"]
+
+
+def test_the_only_job_of_a_sweep_is_named_by_its_number(here: Path, console: Console) -> None:
+    folder = begun(here / "s", ["seed=0"], ["failed"])
+    assert _heading(folder / "0") == "job 0"
+    with watched([Job(0, ("seed=0",), folder / "0")], console):
+        write_status(folder / "0", "failed", reason="no room")
+    assert console.file.getvalue() == "1/1  job 0: failed: no room\n"
 
 
 def test_a_launcher_that_starts_no_job_is_an_error(tmp_path: Path, console: Console) -> None:
