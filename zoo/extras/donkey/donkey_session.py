@@ -175,7 +175,6 @@ class DonkeySession:
         velocity[1] = math.hypot(ahead, left) * math.sin(climb)
         accel = (velocity - self._velocity) / world.frame_s
         self._velocity = velocity
-        hit = "wall" if world.at_wall else "end_of_road" if world.at_end else "none"
         frames = {name: self._encoded(world, name) for name in self.cameras}
         vectors = {
             "pos": (car.x, up, car.y),
@@ -190,14 +189,14 @@ class DonkeySession:
             "image": frames["center"],
             # Stored programs write `imageb`, the client reads `image_b`.
             **({"image_b": frames["b"], "imageb": frames["b"]} if "b" in frames else {}),
-            "hit": hit,
+            "hit": "wall" if world.at_wall else "end_of_road" if world.at_end else "none",
             "time": world.time,
             "speed": car.speed_mph * MPS_PER_MPH,
             "pitch": -math.degrees(climb),
             "yaw": _yaw_deg(car.heading),
             "roll": 0.0,
             "cte": world.cte,
-            "activeNode": int(world.place.distance / NODE_M) % _nodes(world),
+            "activeNode": min(int(world.place.distance / NODE_M), _nodes(world) - 1),
             "totalNodes": _nodes(world),
             **{
                 f"{name}_{axis}": number

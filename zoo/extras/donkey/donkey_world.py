@@ -36,6 +36,7 @@ MOST_OLD = 100  # telemetry messages that are skipped for a newer one
 LONGEST_LAP_S = 300.0
 RATE = 20.0  # telemetry messages per second of the Unity program
 MOST_STEERING = 90.0  # some simulators send degrees in place of a share
+END_OF_ROAD = "end_of_road"  # `hit` of `drivezoo simulator serve` where an open road ends
 BRAKE = {"steering": 0, "throttle": 0, "brake": 1}
 
 Message = dict[str, Any]
@@ -217,19 +218,19 @@ class DonkeyWorld(World):
         time_s = self._required(self._telemetry, "time") - self._began_s
         speed_mps = self._optional("speed", MOST_MPH * MPS_PER_MPH)
         x, y = self._optional("pos_x"), self._optional("pos_z")
-        lap = max(self._crossings - 1, 0)
-        nodes = max(self._optional("totalNodes") or 0.0, 1.0)
-        along = (self._optional("activeNode") or 0.0) / nodes
+        hit = self._telemetry.get("hit") or "none"
+        lap = max(self._crossings - 1, 0) + (hit == END_OF_ROAD)
+        along = (self._optional("activeNode") or 0.0) / max(self._optional("totalNodes") or 1, 1)
         return State(
             time_s=time_s,
             speed_mph=math.nan if speed_mps is None else speed_mps / MPS_PER_MPH,
             steering=self._optional("steering_angle", MOST_STEERING),
             cross_track_m=self._optional("cte"),
             lap=lap,
-            contact=(self._telemetry.get("hit") or "none") != "none",
+            contact=hit not in ("none", END_OF_ROAD),
             xy=None if x is None or y is None else (x, y),
             share=min((lap + along) / self._laps, 1.0),
-            done=lap >= self._laps or time_s >= self._laps * LONGEST_LAP_S,
+            done=lap >= self._laps or hit == END_OF_ROAD or time_s >= self._laps * LONGEST_LAP_S,
         )
 
     def _optional(self, key: str, most: float = MOST_REPORTED) -> float | None:

@@ -63,6 +63,16 @@ def test_only_what_is_hit_is_a_contact(hit: str | None, contact: bool) -> None:
         assert {state.contact for state in step_through(address)} == {contact}
 
 
+def test_the_end_of_an_open_road_ends_a_drive_without_an_intervention() -> None:
+    def end(number: int, message: dict) -> dict:
+        return message | {"hit": "end_of_road" if number >= 4 else "none"}
+
+    with donkey_replica(end) as (address, _):
+        before, *_, after = step_through(address)
+    assert (before.done, before.lap, after.done, after.lap) == (False, 0, True, 1)
+    assert not after.contact
+
+
 def test_a_negative_throttle_brakes_and_a_car_that_is_left_stands() -> None:
     with donkey_replica(lambda number, message: message) as (address, received):
         step_through(address)
