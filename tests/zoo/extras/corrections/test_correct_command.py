@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -29,7 +30,7 @@ from tests.zoo.simulator.tracks import loop
 from tests.zoo.training.test_other_car import check_no_track_is_driven
 from tests.zoo.trainings import SMALL
 from zoo.base.compose import compose_config
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, StoppedError
 from zoo.base.key_values import read_options
 from zoo.base.rig import UDACITY
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
@@ -188,6 +189,17 @@ def test_a_checkpoint_that_drives_well_is_not_corrected(checkpoint: str, tmp_pat
     assert "enough_m=5" in printed
     assert len(rounds_of(tmp_path / "out")) == 1
     assert not list((tmp_path / "out").rglob("*.ckpt"))
+
+
+def test_the_command_that_resumes_names_the_users_parts(
+    checkpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "zoo.extras.corrections.correction.Correction.run", Mock(side_effect=KeyboardInterrupt)
+    )
+    monkeypatch.setattr("sys.orig_argv", ["drivezoo", "parts=my_net.py"])
+    with pytest.raises(StoppedError, match=r"rounds=2 .*parts=my_net\.py$"):
+        correct.main([checkpoint, "rounds=2", f"out={tmp_path / 'out'}"])
 
 
 # Corrections by a person.
