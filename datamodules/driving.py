@@ -20,7 +20,17 @@ from datamodules.samples import Samples
 from datamodules.split import Split
 from datamodules.view import View
 from zoo.base.errors import InputError
+from zoo.base.process_pool import hidden_script
 from zoo.base.rig import SteeringLabel
+
+
+class TrainingLoader(DataLoader):
+    """A DataLoader whose processes do not run the user's script again, see `hidden_script`."""
+
+    def __iter__(self) -> Any:
+        """Start the processes, and return an iterator over batches."""
+        with hidden_script():
+            return super().__iter__()
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -173,13 +183,8 @@ class DrivingData(RunData):
         sampling: dict[str, Any] = {"batch_size": None, "sampler": keys}
         if self.batches_per_step > 1:
             sampling = {"batch_sampler": BatchSampler(keys, self.batches_per_step, drop_last=False)}
-        return DataLoader(
-            batches,
-            collate_fn=unchanged,
-            num_workers=workers,
-            persistent_workers=workers > 0,
-            **sampling,
-        )
+        sampling |= {"num_workers": workers, "persistent_workers": workers > 0}
+        return TrainingLoader(batches, collate_fn=unchanged, **sampling)
 
     def transfer_batch_to_device(self, batch: Any, device: torch.device, loader: int) -> Any:
         """Return a batch, or a group of them, on the device, with the images created there."""

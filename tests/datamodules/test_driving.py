@@ -1,10 +1,12 @@
 """The datamodule as training uses it: from a folder to batches."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from torch.utils.data import DataLoader
 
 from datamodules.augment import Brightness, Shift
 from datamodules.balance import BatchKey
@@ -171,6 +173,13 @@ def test_batches_are_the_same_whoever_prepares_them(load):
     alone, helped = load(**settings), load(**settings, workers=1)
     for batch, other in zip(alone.train_dataloader(), helped.train_dataloader(), strict=True):
         assert_same(batch, other)
+
+
+def test_spawned_processes_do_not_run_the_users_script_again(load, monkeypatch):
+    loader, script = load(workers=1).train_dataloader(), sys.modules["__main__"]
+    monkeypatch.setattr(DataLoader, "__iter__", lambda _: iter([sys.modules["__main__"]]))
+    assert [main.__spec__ or vars(main).get("__file__") for main in loader] == [None]
+    assert sys.modules["__main__"] is script
 
 
 def test_epochs_differ_and_come_back(load):

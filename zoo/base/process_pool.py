@@ -87,7 +87,7 @@ class ProcessPool(AbstractContextManager):
             UsageError: an argument cannot be pickled, such as an object of a script's own class.
         """
         try:
-            with _starting, _hidden_script(), held_interrupt():
+            with _starting, hidden_script(), held_interrupt():
                 others = {*multiprocessing.active_children()}
                 job = bytes(ForkingPickler.dumps((function, arguments)))  # also sockets
                 future = self._executor.submit(_run, self._submitted, job)
@@ -241,7 +241,7 @@ def run_jobs(
 
 
 @contextmanager
-def _hidden_script() -> Iterator[None]:
+def hidden_script() -> Iterator[None]:
     """Start processes that do not run the user's script again.
 
     Spawned processes import the `__main__` module: a script without a guard would drive again in
