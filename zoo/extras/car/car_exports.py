@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.errors import InputError
-from zoo.scoring.exported_file import FLOAT, ExportedFile, OnnxFile
+from zoo.extras.car.donkeycar_export import SizedFile
+from zoo.scoring.exported_file import FLOAT, OnnxFile
 
 # torch, a slow import, comes late: --help and typos answer at once.
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class Int8OnnxFile(OnnxFile):
         return ["Weights, and values between the layers: 8 bits."]
 
 
-class CFile(ExportedFile):
+class CFile(SizedFile):
     """A checkpoint as a C99 file and its header."""
 
     default = "steer.c"
@@ -79,10 +80,9 @@ class CFile(ExportedFile):
     def hints(self) -> list[str]:
         """Return how to call it, see `ExportedFile`."""
         rows, columns = self.checkpoint.view.frame
-        name = self.out.stem
         return [
             f'in C: #include "{self.out.with_suffix(HEADER).name}", compile {self.out.name} with '
-            f"-std=c99 -O2, and call {name}(rgb, {columns}, {rows}, speed_mph)"
+            f"-std=c99 -O2, and call {self.out.stem}(rgb, {columns}, {rows}, speed_mph)"
         ]
 
 

@@ -18,7 +18,18 @@ if TYPE_CHECKING:
 ROUNDED_TOLERANCE = 0.02
 
 
-class DonkeycarFile(ExportedFile):
+class SizedFile(ExportedFile):
+    """A checkpoint as a file that takes frames of the training's size."""
+
+    def shown(self, frames: "Frames") -> "Frames":
+        """Return frames of that size, see `ExportedFile`."""
+        from zoo.extras.car.donkeycar_file import whole_view
+
+        whole = whole_view(self.checkpoint.view)
+        return replace(frames, frames=[whole(frame) for frame in frames.frames])
+
+
+class DonkeycarFile(SizedFile):
     """A checkpoint as a Keras 2 file that Donkeycar loads."""
 
     default = "pilot.h5"
@@ -52,13 +63,6 @@ class DonkeycarFile(ExportedFile):
         from zoo.extras.car.donkeycar_file import donkeycar_policy
 
         return donkeycar_policy(self.checkpoint, path)
-
-    def shown(self, frames: "Frames") -> "Frames":
-        """Return frames of the training's size, see `ExportedFile`."""
-        from zoo.extras.car.donkeycar_file import whole_view
-
-        whole = whole_view(self.checkpoint.view)
-        return replace(frames, frames=[whole(frame) for frame in frames.frames])
 
     def changes(self, original: "Checkpoint", frames: "Frames") -> list[str]:
         """Return which throttle the car gets, see `ExportedFile`."""

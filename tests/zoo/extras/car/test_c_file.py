@@ -13,7 +13,7 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.view import CONVERSIONS, RESIZES, View
-from tests.recordings import Written
+from tests.recordings import Written, write_resized
 from tests.zoo.command_runs import only_line, run_here, succeed
 from tests.zoo.written_checkpoints import checkpoint_of, write_constant
 from zoo.base.compose import choices
@@ -240,7 +240,8 @@ def test_a_card_cannot_leave_its_comment(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_both_files_with_the_card(recorded: Written, tmp_path: Path) -> None:
-    words = ("tiny41", "to=c", "weights=int8", f"frames={recorded.folder}")
+    small = write_resized(recorded, tmp_path / "of another size", 160, 120)
+    words = ("tiny41", "to=c", "weights=int8", f"frames={small.folder}")
     printed = succeed(run_here(tmp_path, *words, module="zoo.commands.export"))
     for part in ("wrote: steer.h", "wrote: steer.c", "8 bits", "steer(rgb, 320, 160, speed_mph)"):
         assert part in printed
