@@ -53,8 +53,9 @@ class EnvironmentWorld(World):
         self.rig = own.rig if own else None
         own_rate = own.metadata["render_fps"] if own else mapping and mapping.frame_rate
         self.frame_rate = own_rate or frame_rate
-        if own_rate:
-            self.ignores += ("frame_rate",)
+        self.ignores += ("frame_rate",) * bool(own_rate)
+        self.ignores += ("speed", "throttle") * bool(mapping and mapping.throttle is None)
+        self.ignores += ("margin",) * bool(mapping and mapping.cross_track is None)
 
     def reset(self, scenario: Scenario) -> State:
         """Begin an episode with the scenario's seed.
@@ -272,12 +273,11 @@ def open_environment(scenario: Scenario, renderer: str) -> EnvironmentWorld:
     except gymnasium.error.UnregisteredEnv:
         near = hint(name, gymnasium.registry, "name the module that registers it with parts=")
         raise UsageError(f"{where}: no such environment; {near}") from None
-    except (gymnasium.error.Error, ImportError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{where}: {reason:.300}{install}") from None
     except InputError:
         raise
     except Exception as error:
+        is_named = isinstance(error, gymnasium.error.Error | ImportError)
+        kind = "" if is_named else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())
-        raise InputError(f"{where}: {type(error).__name__}: {reason:.300}{install}") from error
+        raise InputError(f"{where}: {kind}{reason:.300}{install}") from error
     return EnvironmentWorld(made, mapping if is_mapped else None, scenario.frame_rate)

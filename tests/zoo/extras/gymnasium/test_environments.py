@@ -118,8 +118,10 @@ def test_a_file_maps_image_speed_and_action() -> None:
 
 
 def test_a_key_that_changes_nothing_is_refused() -> None:
-    with pytest.raises(InputError, match=r"^frame_rate: changes nothing in world=gymnasium"):
-        straight(MAPPED, frame_rate=7)
+    alone = MAPPED.replace("throttle:", "# ")
+    for key, value in {"frame_rate": 7, "margin": 1.0, "speed": 9, "throttle": "network"}.items():
+        with pytest.raises(InputError, match=rf"^{key}: changes nothing in world=gymnasium"):
+            straight(alone, **{key: value})
     _, world = straight(MAPPED.replace("frame_rate: 10", ""), frame_rate=7)
     assert world.frame_rate == 7
     with pytest.raises(InputError, match=r"^frame_rate: changes nothing"):
