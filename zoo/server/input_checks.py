@@ -37,16 +37,16 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     from zoo.server.drive_settings import DriveSettings
 
     policy = load_policy(path, engine=DriveSettings.engine).in_car(UDACITY)  # only its time counts
-    view = policy.view
     name = policy.config.get("model", {}).get("name") or policy.name
     yield Finding(OK, "checkpoint", f"{path}: {name}, {policy.parameters:,} parameters")
-    height, width, _ = view.shape
-    speed = " and the speed" if policy.takes_speed else ""
-    result = f"{width} x {height} {view.colour}{speed}; without {view.crop_text}"
-    yield Finding(OK, "input", result)
+    inputs = dict.fromkeys((member.view, member.takes_speed) for member in policy.members)
+    for view, takes_speed in inputs:
+        seen = f"{view.shape[1]} x {view.shape[0]} {view.colour}"
+        speed = " and the speed" if takes_speed else ""
+        yield Finding(OK, "input", f"{seen}{speed}; without {view.crop_text}")
     yield _trained_on(policy, recording)
 
-    frame = np.full((*view.frame, 3), 128, np.uint8)
+    frame = np.full((*policy.view.frame, 3), 128, np.uint8)
     times_ms = []
     with one_thread():  # as `drive` does; torch's default is slower
         for _ in range(TRIALS):

@@ -13,6 +13,7 @@ from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.checkpoints.checkpoint_policy import load_policy
 from zoo.commands.drive import view_line
 from zoo.extras.research.doubt import doubt
+from zoo.server.input_checks import check_checkpoint
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 160, 320, 3), np.uint8)
 
@@ -49,6 +50,8 @@ def test_several_become_an_ensemble_with_their_own_views(ensemble: Path, tmp_pat
     assert command.steering == pytest.approx(np.mean([0.1, 0.3, third]))
     assert command.spread == pytest.approx(np.std([0.1, 0.3, third]))
     assert view_line(policy).endswith("sees 14 x 1 hsv_s and 200 x 66 rgb")
+    inputs = [row.found for row in check_checkpoint(str(ensemble)) if row.what == "input"]
+    assert [text.partition(";")[0] for text in inputs] == ["14 x 1 hsv_s", "200 x 66 rgb"]
 
 
 def test_the_table_has_a_row_for_each_checkpoint(here: Path, capsys: pytest.CaptureFixture) -> None:
