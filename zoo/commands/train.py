@@ -139,7 +139,7 @@ def each_seed(arguments: list[str]) -> list[str]:
     """Return the arguments with `seeds=3` written as a sweep, `-m seed=1,2,3`.
 
     Raises:
-        UsageError: the number is wrong, or seed= or resume= is given, too.
+        UsageError: the number is wrong, or seed=, resume= or Optuna is given, too.
     """
     typed = [argument for argument in arguments if argument.startswith("seeds=")]
     if not typed:
@@ -148,7 +148,8 @@ def each_seed(arguments: list[str]) -> list[str]:
     count = typed[0].removeprefix("seeds=")
     if len(typed) > 1 or count not in map(str, range(1, MOST_SEEDS + 1)):
         raise UsageError(f"{typed[-1]}: must be one whole number in 1..{MOST_SEEDS}")
-    if other := [word for word in others if word.startswith(("seed=", "resume="))]:
+    clashing = ("seed=", "resume=", "hydra/sweeper=optuna")  # Optuna would choose the luckiest seed
+    if other := [word for word in others if word.startswith(clashing)]:
         raise UsageError(f"{typed[0]}: stands for seed=1,2,...; drop it or {other[0]}")
     return ["-m", *others, f"seed={','.join(map(str, range(1, int(count) + 1)))}"]
 

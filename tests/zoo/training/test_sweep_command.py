@@ -409,6 +409,7 @@ def test_jobs_on_several_devices_need_processes(trainer: dict, several: bool) ->
         (["seeds=2", "seeds=3"], "seeds=3: must be one"),
         (["seeds=2", "seed=7"], "drop it or seed=7"),
         (["resume=run", "seeds=2"], "drop it or resume=run"),
+        (["-m", "hydra/sweeper=optuna", "seeds=2"], "drop it or hydra/sweeper=optuna"),
     ],
 )
 def test_a_wrong_number_of_seeds_gets_one_line(words: list[str], message: str) -> None:
