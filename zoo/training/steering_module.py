@@ -1,8 +1,8 @@
 """The one LightningModule that trains every network of the zoo."""
 
+import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lightning.pytorch.utilities.types import LRSchedulerConfigType, OptimizerLRScheduler
 
 OWN = "zoo.training.steering_module.SteeringModule"
+NEVER = sys.maxsize  # frequency of a schedule that Lightning does not step
 CHECK_EVERY = 20  # steps between checks of the loss: each check waits for the device
 
 
@@ -110,15 +111,13 @@ class SteeringModule(RunModule):
     def on_save_checkpoint(self, checkpoint: dict) -> None:
         """Add the card, and what was trained so far, to the checkpoint."""
         super().on_save_checkpoint(checkpoint)
-        step = self._step
-        checkpoint["begun"] = int(step.samples), float(step.loss_sum)
+        checkpoint["begun"] = int(self._step.samples), float(self._step.loss_sum)
         checkpoint["trained"] = [self.train_epochs, self._samples_before, self.train_seconds]
 
     def on_load_checkpoint(self, checkpoint: dict) -> None:
         """Restore what the resumed run had trained; checkpoints of before do not hold it."""
-        self.train_epochs, self._samples_before, self.train_seconds = checkpoint.get(
-            "trained", [0, 0, 0.0]
-        )
+        trained = checkpoint.get("trained", [0, 0, 0.0])
+        self.train_epochs, self._samples_before, self.train_seconds = trained
         self._step.samples, self._step.loss_sum = checkpoint.get("begun", (0, 0.0))
         loop = checkpoint["loops"]["fit_loop"]
         epochs, batches = loop["epoch_progress"], loop["epoch_loop.batch_progress"]
@@ -193,10 +192,17 @@ class SteeringModule(RunModule):
             self._check_finite(weights=True)
 
     def on_train_epoch_end(self) -> None:
-        """Check that all is finite, and log the mean loss."""
+        """Check that all is finite, log the mean loss, and step a schedule by `val/mse`."""
         self._check_finite(weights=True)
         self.train_epochs += 1
         self.log("train/loss", self.mean_loss(), sync_dist=True)
+        # Lightning would step after the checkpoint of the epoch: a resumed run would lose the step.
+        every = self.trainer.check_val_every_n_epoch or 1
+        mse = self.trainer.callback_metrics.get("val/mse")
+        is_due = mse is not None and self.trainer.is_last_batch
+        for config in self.trainer.lr_scheduler_configs:
+            if config.frequency == NEVER and is_due and (self.current_epoch + 1) % every == 0:
+                self.lr_scheduler_step(config.scheduler, mse)
 
     def mean_loss(self) -> float:
         """Return the mean loss of the epoch so far, over all processes' samples."""
@@ -252,8 +258,7 @@ class SteeringModule(RunModule):
     def configure_optimizers(self) -> "OptimizerLRScheduler":
         """Return the optimizer and its scheduler, as Lightning expects them."""
         optimizer = self.make_optimizer(self.parameter_groups())
-        schedule = self.make_schedule(optimizer)
-        if schedule is None:
+        if (schedule := self.make_schedule(optimizer)) is None:
             return {"optimizer": optimizer}
         return {"optimizer": optimizer, "lr_scheduler": schedule}
 
@@ -267,9 +272,7 @@ class SteeringModule(RunModule):
             return None
         entry: LRSchedulerConfigType = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
         if isinstance(entry["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
-            entry["monitor"] = "val/mse"
-            with suppress(RuntimeError):  # settings are also checked without a trainer
-                entry["frequency"] = self.trainer.check_val_every_n_epoch or 1
+            entry |= {"monitor": "val/mse", "frequency": NEVER}  # see `on_train_epoch_end`
         return entry
 
     def parameter_groups(self) -> list[dict]:

@@ -289,6 +289,7 @@ def early(stopped_early: Path, tmp_path: Path) -> Path:
 PATIENCE = "callbacks.early_stopping.patience"
 EARLY = (*SMALL, "trainer.max_epochs=12", "optim.lr=0.5", "callbacks=early_stopping")
 EARLY = (*EARLY, "data.samples_per_epoch=64", f"{PATIENCE}=2")
+EARLY = (*EARLY, "schedule=plateau", "schedule.patience=0")  # steps in the last epoch, too
 
 
 @pytest.mark.parametrize("words", ["", f" {PATIENCE}=2"])
