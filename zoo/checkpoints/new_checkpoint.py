@@ -18,7 +18,13 @@ SUFFIX = ".ckpt"
 _FOLDERS = re.compile(
     r"((?:^|[=,\[:'\"\s]))(?:file://)?(?:~|\.\.|[A-Za-z]:)?[/\\](?:[^,\]'\"]*[/\\](?=[^/\\,\]'\"]))?"
 )
-_SECRET = ("logger",)  # sections that may name servers, users and passwords
+# The folder where a training started, and sections that may name servers, users and passwords.
+_PRIVATE = (STARTED_IN, "logger")
+
+
+def without_private(facts: dict) -> dict:
+    """Return a checkpoint's card, config or data without what is not for other people."""
+    return {key: value for key, value in facts.items() if key not in _PRIVATE}
 
 
 def lean_contents(contents: dict) -> dict:
@@ -27,11 +33,10 @@ def lean_contents(contents: dict) -> dict:
     Args:
         contents: contents of a checkpoint's file, see `read_checkpoint_file`.
     """
-    card = {key: value for key, value in contents["drivezoo"].items() if key != STARTED_IN}
-    config = {key: value for key, value in card["config"].items() if key not in _SECRET}
+    card = without_private(contents["drivezoo"])
     state = contents["state_dict"]
     return {
-        "drivezoo": {**card, "config": without_folders(config)},
+        "drivezoo": {**card, "config": without_folders(without_private(card["config"]))},
         "state_dict": {name: tensor for name, tensor in state.items() if name.startswith(PREFIX)},
     }
 

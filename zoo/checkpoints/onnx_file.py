@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from zoo.base.errors import InputError
 from zoo.base.rig import CURVATURE
-from zoo.checkpoints.checkpoint_path import STARTED_IN
 from zoo.checkpoints.onnx_policy import CARD, IMAGES, NEXT, SPEED, STATE
 
 # torch, a slow import, comes late: --help and typos answer at once.
@@ -50,12 +49,12 @@ def onnx_bytes(checkpoint: "Checkpoint", model_card: str = "", graph: bytes = b"
     import onnx  # optional, see INSTALL
 
     from zoo.checkpoints.checkpoint import make_card
+    from zoo.checkpoints.new_checkpoint import without_private
     from zoo.models.network_facts import facts_of
 
     network, view = checkpoint.network, checkpoint.view
     facts = facts_of(network)
-    data = {key: value for key, value in checkpoint.data.items() if key != STARTED_IN}  # is private
-    card = make_card(checkpoint.config, view, data) | {
+    card = make_card(without_private(checkpoint.config), view, without_private(checkpoint.data)) | {
         "network": type(network).__name__,
         "parameters": sum(parameter.numel() for parameter in network.parameters()),
         "predicts_spread": facts.predicts_spread,

@@ -113,6 +113,7 @@ def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> Non
     for part in ("252,219 parameters", "negative is left", "with onnxruntime", "Intended use"):
         assert part in texts[MODEL_CARD]
     original = read_checkpoint_file(checkpoint)["drivezoo"]
+    del original["config"]["logger"]  # may name servers and passwords
     for key in ("format", "config", "view", "data"):
         assert card[key] == original[key]
     view = {"crop": [40, 20], "colour": "rgb", "size": [66, 200], "resize": "area"}

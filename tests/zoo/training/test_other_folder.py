@@ -99,5 +99,7 @@ def test_an_export_is_compared_in_another_folder(begun: Path, tmp_path: Path) ->
 def test_no_shared_file_names_the_folder(begun: Path, checkpoint: Checkpoint) -> None:
     contents = read_checkpoint_file(begun / "run" / "checkpoints" / "best.ckpt")
     assert contents["drivezoo"][STARTED_IN] == str(begun)
+    checkpoint.config["logger"] = contents["drivezoo"]["config"]["logger"] = {"url": "ann:secret@b"}
     for shared in (checkpoint_bytes(lean_contents(contents)), onnx_bytes(checkpoint)):
         assert str(begun).encode() not in shared
+        assert b"secret" not in shared
