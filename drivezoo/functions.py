@@ -207,12 +207,12 @@ def train(**keys: Any) -> Training:
         InputError: the recording or another file cannot be used.
         StoppedError: an interrupt, such as Ctrl-C; names how to resume.
     """
-    from zoo.commands.train import is_sweep
+    from zoo.commands.train import each_seed, is_sweep
     from zoo.commands.train import train as train_run
 
     arguments = [f"{key}={text}" for key, text in typed_keys(keys)]
-    if is_sweep(arguments):
-        raise UsageError("hydra.mode=MULTIRUN: call train for each run, or type drivezoo train -m")
+    if is_sweep(each_seed(arguments)):
+        raise UsageError("seeds=, hydra.mode=: call train for each run, or type drivezoo train -m")
     return Training.read(train_run(arguments, several=False))
 
 
