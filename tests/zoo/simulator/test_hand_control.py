@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.zoo.server.browser import Browser, needs_chromium
@@ -115,3 +116,7 @@ def test_a_second_page_takes_the_wheel_with_its_first_key(
         while len(taken) < 2 and time.monotonic() < end:
             time.sleep(0.05)
         assert taken == [Hands(frozenset({"d"})), Hands()]
+        seat.show_until_ended(np.zeros((160, 320, 3), np.uint8))
+        browser.wait_for("document.querySelector('.keys').hidden")
+        parts = "[...document.querySelectorAll('button:not([hidden])')].map(one => one.title)"
+        assert [title for title in browser.value(parts) if title] == ["Esc"], "nobody drives"

@@ -68,7 +68,7 @@ export class HandView {
         <div><dt>Last lap</dt><dd data-fact="last">–</dd></div><div><dt>Rows</dt><dd data-fact="rows">–</dd></div>
         <div><dt>Steering</dt><dd data-fact="steering">–</dd></div><div><dt>Throttle</dt><dd data-fact="throttle">–</dd></div>
       </dl>
-      <p class="soft keys">Arrows or W A S D drive; the left mouse button, held and moved sideways, or a gamepad steers. R records, Backspace puts the car back on the road, Space holds the throttle, Esc ends.</p>
+      <p class="soft keys">Arrows or W A S D drive; the left mouse button, held and moved sideways, or a gamepad steers. <span class="rows">R records, Backspace puts the car back on the road, Space holds the throttle.</span> Esc ends.</p>
       <p class="soft" data-fact="folder"></p>`;
     this.root = root;
     this.stage = root.querySelector(".stage");
@@ -174,6 +174,10 @@ export class HandView {
       notice.textContent = this.ended ? "The drive has ended" : error instanceof TypeError ? "drivezoo does not answer" : error.message;
       return;
     }
+    // A drive that nobody steers, or records, has no such keys: the state lacks their values.
+    const shows = (parts, value) => this.root.querySelectorAll(parts).forEach((part) => (part.hidden = value === undefined));
+    shows(".pedals, .mph, .bar, .keys", state.speed_mph);
+    shows('.facts, .rows, [data-press]:not([data-press="escape"])', state.recording);
     if (notice.textContent !== state.notice) notice.textContent = state.notice ?? "";
     this.fact("speed", shown(state.speed_mph));
     this.fact("lap", shown(state.lap));
