@@ -36,7 +36,7 @@ def load_pyarrow() -> Any:
     except ImportError:
         raise InputError(
             "Parquet files, of tables, shards and LeRobot's datasets, need pyarrow; "
-            "pip install 'drivezoo[parquet]'"
+            'pip install "drivezoo[parquet]"'
         ) from None
     return pyarrow
 

@@ -35,7 +35,7 @@ LOOP = re.compile(rb"(?:\x22|\xa2\x80*\x00)(?:\x04|\x84\x80*\x00)Loop")
 # The key, field 1 of an entry, that names a file with weights: onnxruntime 1.23, the last for
 # Python 3.10, reads one anywhere.
 ELSEWHERE = re.compile(rb"(?:\x0a|\x8a\x80*\x00)(?:\x08|\x88\x80*\x00)location")
-INSTALL = "pip install 'drivezoo[onnx]'"
+INSTALL = 'pip install "drivezoo[onnx]"'
 # What reading a damaged card raises.
 UNUSABLE = (InputError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError)
 

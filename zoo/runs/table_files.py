@@ -183,7 +183,7 @@ def parquet_bytes(table: Table) -> bytes:
 
 
 def _pyarrow(path: str | Path) -> Any:
-    remedy = "pip install 'drivezoo[parquet]', or name a .csv file"
+    remedy = 'pip install "drivezoo[parquet]", or name a .csv file'
     with optional_import(f"{path}: Parquet needs pyarrow; {remedy}"):
         import pyarrow.parquet
     return pyarrow

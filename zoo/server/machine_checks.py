@@ -112,7 +112,7 @@ def _check_package(line: str) -> Iterator[Finding]:
     name, version = requirement.name, installed_version(requirement.name)
     if version is None:
         return
-    install = f"pip install '{name}{requirement.specifier}'"
+    install = f'pip install "{name}{requirement.specifier}"'
     if (name, version) in MALWARE:
         fix = f"pip uninstall {name}; change all passwords stored on this machine; {install}"
         result = f"{name} {version} carries malware"

@@ -156,7 +156,7 @@ def refuse_missing(arguments: list[str]) -> None:
     for choice, (module, extra) in OPTIONAL_MODULES.items():
         if choice in arguments and importlib.util.find_spec(module) is None:
             raise InputError(
-                f"{choice}: a package is not installed; pip install 'drivezoo[{extra}]'"
+                f'{choice}: a package is not installed; pip install "drivezoo[{extra}]"'
             )
 
 

@@ -59,8 +59,8 @@ def test_without_onnxruntime_torch_drives(large: None, monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     policy = CheckpointPolicy(checkpoint_of("lenet"), "auto")
     assert policy.engine["name"] == "torch"
-    assert "pip install 'drivezoo[onnx]'" in engine.engine_text(policy.engine)
-    with pytest.raises(InputError, match=r"engine=onnx: .*pip install 'drivezoo\[onnx\]'"):
+    assert 'pip install "drivezoo[onnx]"' in engine.engine_text(policy.engine)
+    with pytest.raises(InputError, match=r'engine=onnx: .*pip install "drivezoo\[onnx\]"'):
         CheckpointPolicy(checkpoint_of("lenet"), "onnx")
 
 

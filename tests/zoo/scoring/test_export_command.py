@@ -286,10 +286,10 @@ def test_a_missing_package_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     files = str(tmp_path / "model.onnx"), None
-    with pytest.raises(InputError, match=rf"{package}: pip install 'drivezoo\[onnx\]'"):
+    with pytest.raises(InputError, match=rf'{package}: pip install "drivezoo\[onnx\]"'):
         export_checkpoint(str(checkpoint), *files, Console(quiet=True))
     if package == "onnxruntime":
-        with pytest.raises(InputError, match=r"onnxruntime.*pip install 'drivezoo\[onnx\]'"):
+        with pytest.raises(InputError, match=r'onnxruntime.*pip install "drivezoo\[onnx\]"'):
             load_policy(exported)
     else:
         assert load_policy(exported).outputs == 1, "driving needs only onnxruntime"

@@ -287,7 +287,7 @@ def test_a_folder_that_cannot_be_resumed_gets_one_line(
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda module: None)
     for choice, extra in (("launcher=joblib", "joblib"), ("launcher=slurm", "slurm")):
-        with pytest.raises(InputError, match=rf"pip install 'drivezoo\[{extra}\]'"):
+        with pytest.raises(InputError, match=rf'pip install "drivezoo\[{extra}\]"'):
             refuse_missing([f"hydra/{choice}"])
 
 

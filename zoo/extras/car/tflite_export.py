@@ -20,7 +20,7 @@ class TfliteFile(KerasFile):
     default = "pilot.tflite"
     packages = ("h5py", next(filter(find_spec, CONVERTERS), CONVERTERS[0]))
     install = (
-        "pip install h5py tensorflow, or 'drivezoo[tflite]' (Linux on x86-64, macOS on ARM); or "
+        'pip install h5py tensorflow, or "drivezoo[tflite]" (Linux on x86-64, macOS on ARM); or '
         "write pilot.keras and convert it on another machine"
     )
     engine = "LiteRT"

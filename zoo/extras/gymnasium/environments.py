@@ -262,7 +262,7 @@ def open_environment(scenario: Scenario, renderer: str) -> EnvironmentWorld:
     arguments = dict(mapping.arguments)
     if mapping.image == "render":
         arguments["render_mode"] = "rgb_array"
-    install = f"; pip install '{mapping.package}'" if mapping.package else ""
+    install = f'; pip install "{mapping.package}"' if mapping.package else ""
     try:
         if name not in gymnasium.registry:
             for part in registering_parts("drivezoo.worlds")[0]:

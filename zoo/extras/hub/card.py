@@ -143,7 +143,7 @@ def _file(shared: SharedFile) -> list[str]:
 
 def _drive(shared: SharedFile) -> list[Block]:
     repo, file = shared.repo, shared.file
-    fetch = f"pip install 'drivezoo[hub]'\ndrivezoo hub pull {repo}\n" if repo else ""
+    fetch = f'pip install "drivezoo[hub]"\ndrivezoo hub pull {repo}\n' if repo else ""
     file = f"outputs/hub/{repo}/{file}" if repo else file
     data = shared.of.checkpoint.data
     words = next_drive(file, data, ["drive", file, "sim=lake", "laps=1"])

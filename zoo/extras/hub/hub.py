@@ -32,7 +32,7 @@ def hub(
     """Send or fetch a checkpoint with its card.
 
     Push shows the card, and sends with send=true to a repository of the Hugging Face Hub,
-    user/name, or writes to a folder, repo=./card. It needs `pip install 'drivezoo[hub]'`.
+    user/name, or writes to a folder, repo=./card. It needs `pip install "drivezoo[hub]"`.
 
       drivezoo hub push latest repo=./card
       drivezoo hub push latest repo=user/name send=true

@@ -105,7 +105,7 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
 
 
 def _api() -> "HfApi":
-    with optional_import("huggingface_hub is not installed; pip install 'drivezoo[hub]'"):
+    with optional_import('huggingface_hub is not installed; pip install "drivezoo[hub]"'):
         from huggingface_hub import HfApi, constants
         from huggingface_hub.utils import disable_progress_bars, logging
     # No statistics of the library's use, and no lines of its own among the command's.

@@ -290,7 +290,7 @@ class OptunaSampler(Sampler):
     def __init__(
         self, name: str, space: SearchSpace, seed: int, archive: Archive, startup: int
     ) -> None:
-        remedy = "pip install 'drivezoo[optuna]', or use sampler=random"
+        remedy = 'pip install "drivezoo[optuna]", or use sampler=random'
         with optional_import(f"sampler={name}: Optuna is not installed; {remedy}"):
             import optuna
         super().__init__(space, seed, archive)

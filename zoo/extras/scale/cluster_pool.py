@@ -42,7 +42,7 @@ def running_ray(key: str, **settings: Any) -> Iterator[None]:
     Raises:
         InputError: Ray is not installed, cannot start, or finds no cluster at the address.
     """
-    with optional_import(f"{key}: Ray is not installed; pip install 'drivezoo[ray]'"):
+    with optional_import(f'{key}: Ray is not installed; pip install "drivezoo[ray]"'):
         import ray
     started = not ray.is_initialized()
     try:
@@ -118,7 +118,7 @@ def opened_slurm() -> Iterator[ClusterPool]:
     Raises:
         InputError: submitit is not installed.
     """
-    line = "executor=slurm: submitit is not installed; pip install 'drivezoo[slurm]'"
+    line = 'executor=slurm: submitit is not installed; pip install "drivezoo[slurm]"'
     with optional_import(line):
         import submitit
     slurm = submitit.AutoExecutor(LOGS, cluster="slurm")

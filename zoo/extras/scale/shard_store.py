@@ -28,7 +28,7 @@ from zoo.base.limits import is_ordinary
 
 SCHEME = "s3:"
 INDEX = "index.json"
-EXTRA = "pip install 'drivezoo[shards]'"
+EXTRA = 'pip install "drivezoo[shards]"'
 REMEDY = "copy it again, or write the shards again: drivezoo convert FOLDER to=shards out=NEW"
 # Seconds between attempts to reach a server: two minutes, in which a server restarts.
 WAITS_S = (1, 2, 4, 8, 15, 30, 30, 30)

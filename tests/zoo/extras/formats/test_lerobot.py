@@ -510,7 +510,7 @@ def test_a_missing_pyarrow_is_one_line(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(InputError, match=r"pip install 'drivezoo\[parquet\]'"):
+    with pytest.raises(InputError, match=r'pip install "drivezoo\[parquet\]"'):
         convert.main([str(recorded.folder), "to=lerobot", f"out={tmp_path / 'lr'}"])
     assert list(tmp_path.iterdir()) == []
 

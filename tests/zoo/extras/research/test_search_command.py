@@ -271,5 +271,5 @@ def test_the_familys_sampler_draws_from_its_whole_ranges() -> None:
 
 def test_without_optuna_a_line_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "optuna", None)
-    with pytest.raises(InputError, match=r"sampler=tpe: .*pip install 'drivezoo\[optuna\]'"):
+    with pytest.raises(InputError, match=r'sampler=tpe: .*pip install "drivezoo\[optuna\]"'):
         searched(options_of("budget=8", "sampler=tpe"))

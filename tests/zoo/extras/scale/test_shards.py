@@ -31,7 +31,7 @@ from zoo.extras.scale.shards import LABELS
 from zoo.training.build import load_data
 
 for needed in ("litdata", "boto3", "pyarrow"):
-    pytest.importorskip(needed, reason=f"{needed}: pip install 'drivezoo[shards]'")
+    pytest.importorskip(needed, reason=f'{needed}: pip install "drivezoo[shards]"')
 
 ROWS = 60
 SHARD_MB = 0.03
