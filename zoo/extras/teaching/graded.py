@@ -304,9 +304,9 @@ def _drive(
         finally:
             end_module(process)
     if not (folder / NAME).is_file():
-        if process.returncode < 0:  # the last line is of its progress
-            signal = -process.returncode
-            raise InputError(f"killed by signal {signal}, perhaps because memory ran out")
+        if not 0 <= (status := process.returncode) < 256:  # the last line is of its progress
+            how = f"signal {-status}" if status < 0 else f"error {status:#x}"  # of Windows
+            raise InputError(f"killed by {how}, perhaps because memory ran out")
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         problem = lines[-1].rpartition("drivezoo benchmark: ")[2] if lines else ""
         # A student hands in what drives without further Python.
