@@ -184,7 +184,7 @@ def _new_records(folder: Path, notes: list[str]) -> Iterator[tuple[int, str, str
         notes: list to which a line is added on what the manifest and the catalogs do not agree in.
     """
     path, source = folder / MANIFEST, f"{folder / MANIFEST}, row 5"
-    there = [catalog.name for catalog in sorted(folder.glob(CATALOGS), key=_natural)]
+    there = [catalog.name for catalog in sorted(sorted(folder.glob(CATALOGS)), key=_natural)]
     if path.exists():
         lines = read_text(path, MOST_JSON_BYTES).splitlines()
         manifest = parse(lines[4] if len(lines) > 4 else "", source, dict)

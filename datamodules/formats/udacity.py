@@ -166,7 +166,7 @@ def image_finder(root: Path, images: Path | None = None) -> Callable[[str], str 
             return [str(images)]
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".", "..")]
         tails = [root.joinpath(*parts[start:]) for start in range(len(parts))]
-        img = [path for path in root.iterdir() if path.name.lower() == IMAGE_FOLDER.lower()]
+        img = [path for path in sorted(root.iterdir()) if path.name.lower() == IMAGE_FOLDER.lower()]
         here = [str(folder) for folder in [*tails, root, *img]]
         # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
         is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()

@@ -111,6 +111,15 @@ def test_images_are_found_where_they_were_moved(tmp_path, style, move):
     assert Path(read_recordings(str(written.folder)).images[0, 0]).parent == there
 
 
+def test_of_two_spellings_of_the_folder_the_first_by_name_counts(tmp_path, monkeypatch):
+    written, listed = write_recording(tmp_path / "lake", rows=2), Path.iterdir
+    replace_in(written.log, FOLDERS["windows"], "")
+    (written.folder / "img").mkdir(exist_ok=True)
+    (written.folder / "img" / written.image(0).name).write_bytes(b"another image")
+    monkeypatch.setattr(Path, "iterdir", lambda path: sorted(listed(path), reverse=True))
+    assert Path(read_recordings(str(written.folder)).images[0, 0]).parent.name == "IMG"
+
+
 def recorded_here(folder: Path, rows: int = 4):
     """Write a recording whose log has the absolute paths of this machine."""
     written = write_recording(folder, rows=rows, style="linux")
@@ -182,8 +191,7 @@ def test_a_missing_image_is_named_or_skipped(tmp_path, camera, replace_image, wo
 
 def test_an_image_may_be_a_link(tmp_path):
     written = write_recording(tmp_path / "lake", rows=2)
-    elsewhere = written.image(1).rename(tmp_path / "elsewhere.jpg")
-    written.image(1).symlink_to(elsewhere)
+    written.image(1).symlink_to(written.image(1).rename(tmp_path / "elsewhere.jpg"))
     assert len(read_recordings(str(written.folder))) == 2
 
 

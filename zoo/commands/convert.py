@@ -66,7 +66,7 @@ def convert(
         others = ", ".join(f"to={writer}" for writer in writers if writer != name)
         raise UsageError(f"to={to}: {source} is a {old.title} already; name another: {others}")
     taken = getattr(writers[to], "keys", ())
-    for key in {key for writer in writers.values() for key in getattr(writer, "keys", ())}:
+    for key in sorted({key for writer in writers.values() for key in getattr(writer, "keys", ())}):
         if key not in taken and getattr(write, key) != getattr(WriteOptions, key):
             raise UsageError(f"{key}={getattr(write, key)}: to={to} does not use it; leave it out")
     if to == LOG and sources:
