@@ -209,8 +209,9 @@ def _corrected(options: CorrectOptions, out: Path) -> list[tuple]:
 def _labelled(folder: str, before_s: float, out: Path) -> list[tuple]:
     """Return the rows between each takeover's first and last label, with steering."""
     drive, labels = read_drive(folder), read_labels(out / LABELS)
-    rows = []
+    rows, unknown = [], set(labels)
     for override in overrides(drive, before_s):
+        unknown -= set(drive.frame[override.rows])
         filled = [row for row in override.rows if drive.frame[row] in labels]
         if not filled:
             continue
@@ -221,8 +222,10 @@ def _labelled(folder: str, before_s: float, out: Path) -> list[tuple]:
             image = str(drive.folder / drive.frame[row])
             numbers = steering, *pedals, drive.speed_mph[row]
             rows.append((drive.time_s[row], (image, None, None), numbers))
-    if not rows:
-        raise InputError(f"{out / LABELS}: names no image of {folder}; delete the file")
+    if unknown:
+        raise InputError(
+            f"{out / LABELS}: {min(unknown)!r:.80} is of no takeover; correct the name"
+        )
     return rows
 
 

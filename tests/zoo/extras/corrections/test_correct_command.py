@@ -244,6 +244,11 @@ def test_a_person_fills_in_the_steering(overridden: Path, checkpoint: str, tmp_p
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
+    labels = (out / "labels.csv").read_text()
+    (out / "labels.csv").write_text(labels.replace("center", "centre", 1))
+    with pytest.raises(InputError, match=r"labels\.csv: 'IMG/centre.* is of no takeover"):
+        correct.main(arguments)
+    (out / "labels.csv").write_text(labels)
     correct.main(arguments)
     recording = read_recordings(str(out / "round-1" / "recording"))
     assert recording.steering[[0, -1]].tolist() == [0.1, 0.5]
