@@ -223,9 +223,7 @@ def _labelled(folder: str, before_s: float, out: Path) -> list[tuple]:
             numbers = steering, *pedals, drive.speed_mph[row]
             rows.append((drive.time_s[row], (image, None, None), numbers))
     if unknown:
-        raise InputError(
-            f"{out / LABELS}: {min(unknown)!r:.80} is of no takeover; correct the name"
-        )
+        raise InputError(f"{out / LABELS}: {min(unknown)!r:.80} is of no takeover; correct it")
     return rows
 
 
