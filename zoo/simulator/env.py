@@ -186,7 +186,7 @@ class DrivingEnv(gymnasium.Env):
         self.world.reset(world_seed, Start(**{**start, **constructed(Start, options)}), weather)
         self.off_since: float | None = None
         self.info = self._about(0.0)
-        return self._observation(), self.info
+        return self._observation(), dict(self.info)
 
     def step(
         self, action: np.ndarray
@@ -202,15 +202,14 @@ class DrivingEnv(gymnasium.Env):
         if action.shape != (2,) or not np.isfinite(action).all():
             raise InputError(f"action={action.tolist()}: must be two finite numbers")
         world.step(*action.tolist())
-        if not world.off_road:
-            self.off_since = None
-        elif self.off_since is None:
-            self.off_since = world.time
+        since = world.time if self.off_since is None else self.off_since
+        self.off_since = since if world.off_road else None
         before, self.info = self.info, self._about(self.info["furthest"])
         arrived = world.is_complete(math.inf if self.laps is None else self.laps)
         terminated = arrived or bool(self.termination(self.info))
         reward = float(self.reward(before, self.info, terminated))
-        return self._observation(), reward, terminated, world.time >= self.max_seconds, self.info
+        truncated = world.time >= self.max_seconds
+        return self._observation(), reward, terminated, truncated, dict(self.info)
 
     def render(self) -> np.ndarray | None:
         """Return the last frame, uint8 [height, width, 3], RGB, or None without a render mode."""
@@ -246,5 +245,5 @@ class DrivingEnv(gymnasium.Env):
 
     def _observation(self) -> dict[str, np.ndarray]:
         frames = {key: self.world.frame(camera) for key, camera in self.images.items()}
-        self._image = frames["image"]
+        self._image = frames["image"].copy()  # a wrapper may change what it gets
         return {**frames, "speed": np.array([self.world.car.speed_mph], np.float32)}

@@ -277,8 +277,11 @@ def test_it_renders_what_was_last_seen(opened):
     env = opened(render_mode="rgb_array", frame_rate=20)
     assert env.metadata["render_fps"] == 20
     env.reset(seed=0)
-    observation, *_ = env.step(STRAIGHT_ON)
-    assert np.array_equal(env.render(), observation["image"])
+    observation, *_, info = env.step(STRAIGHT_ON)
+    seen = observation["image"].copy()
+    observation["image"][:], info["driven_m"] = 0, -9.0  # as a wrapper may
+    assert np.array_equal(env.render(), seen)
+    assert env.step(STRAIGHT_ON)[1] < 1, "the reward is not of the changed info"
     silent = opened()
     silent.reset(seed=0)
     assert silent.render() is None
