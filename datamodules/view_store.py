@@ -63,13 +63,15 @@ def load_views(
     Raises:
         InputError: the disk is full or cannot be written to.
     """
-    return load_file(
+    loaded = load_file(
         folder and folder / f"{cache_key(images, view)}.npy",
         (len(images), *view.shape),
         np.uint8,
         lambda keep: decode_all(images, view, keep, progress),
         "view cache",
     )
+    # The cache holds no paths: a moved folder keeps its views.
+    return ViewFile(loaded.views, {n: f"{images[n]}: {why}" for n, why in loaded.faults.items()})
 
 
 def load_file(
@@ -171,8 +173,7 @@ def decode_all(
             try:
                 view(read_image(image), out=chunk[offset])
             except (OSError, ValueError) as error:
-                fault = getattr(error, "strerror", None) or error
-                faults[start + offset] = f"{image}: {fault}"
+                faults[start + offset] = str(getattr(error, "strerror", None) or error)
         return chunk, faults
 
     all_faults: dict[int, str] = {}

@@ -135,14 +135,14 @@ def test_second_time_decodes_nothing_and_maps_views_that_are_not_writable(writte
         views[0] = 0
 
 
-def test_moved_folder_finds_its_views(written, cache, tmp_path):
-    load_views(centre_paths(written), VIEW, cache)
-    moved = written.folder.rename(tmp_path / "moved")
-    again = Count()
-    load_views(
-        [str(moved / "IMG" / Path(path).name) for path in centre_paths(written)], VIEW, cache, again
-    )
-    assert again.decoded == 0
+def test_moved_folder_finds_its_views_and_names_its_own_bad_image(written, cache, tmp_path):
+    before = centre_paths(written)
+    Path(before[2]).write_bytes(b"")
+    load_views(before, VIEW, cache)
+    moved, again = written.folder.rename(tmp_path / "moved"), Count()
+    paths = [str(moved / "IMG" / Path(path).name) for path in before]
+    faults = load_views(paths, VIEW, cache, again).faults
+    assert (again.decoded, faults) == (0, {2: f"{paths[2]}: the file is empty"})
 
 
 def test_changed_image_is_decoded_again(written, cache):

@@ -22,7 +22,7 @@ from datamodules.image import (
 from datamodules.recording_format import read_recordings
 from datamodules.split import split_rows
 from datamodules.view import View
-from datamodules.view_store import decode_all
+from datamodules.view_store import load_views
 from tests.recordings import Written, recording_in_memory, write_recording
 from tests.refusals import refusal
 from tests.zoo.command_runs import only_line, run, run_here
@@ -221,7 +221,7 @@ def test_decoding_names_the_file(replaced: Written) -> None:
     image = replaced.image(7)
     image.write_bytes(LARGE["JPEG"])
     paths = [str(replaced.image(row)) for row in range(10)]
-    faults = decode_all(paths, View([60, 40], "gray", [8, 8]), lambda chunk: None)
+    faults = load_views(paths, View([60, 40], "gray", [8, 8]), None).faults
     assert list(faults) == [7]
     assert str(image) in faults[7]
     assert "20000 x 20000" in faults[7]
