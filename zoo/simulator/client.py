@@ -171,8 +171,7 @@ class Client:
                     put_back_mph = read_put_back(data, self.options.decimal_comma)
         except ValueError as error:
             self.counts["discarded"] += 1
-            reason = f"was discarded, as the original client does: {error}"
-            self.print_once(f"a message ({name}) {reason}")
+            self.print_once(f"a message ({name}) was discarded, as the original does: {error}")
             return
         self.replied_s = time.monotonic()
         self.counts[name] += 1
@@ -201,9 +200,10 @@ class Client:
             show(self.frame())
 
     def emit(self, socket: "Socket") -> None:
-        """Send telemetry, or null while a simulated person drives."""
+        """Send telemetry, or null to drivers of `steer` while a simulated person drives."""
         self.counts["telemetry"] += 1
-        socket.emit(*(("telemetry", None) if self.manual else self.telemetry()))
+        is_null = self.manual and self.control == Client.control
+        socket.emit(*(("telemetry", None) if is_null else self.telemetry()))
 
     def telemetry(self) -> Telemetry:
         """Return the event of the car's state and frame."""

@@ -137,6 +137,12 @@ def test_udacity_gym_reads_numbers_and_an_image_and_episodes_are_answered() -> N
     assert client.world.weather.fog == 0.4
 
 
+def test_udacity_gym_sends_telemetry_while_a_person_drives() -> None:
+    sent, client, _ = drive("udacity_gym", gym(), manual=((0.2, 0.4),))
+    assert {name for name, _ in sent} == {"car_telemetry"}
+    assert client.counts["taken over"] == 1
+
+
 def test_a_paused_world_sends_telemetry_and_does_not_move() -> None:
     def reply(_: str, data: dict) -> Iterator[str]:
         nonlocal paused
