@@ -14,6 +14,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from rich.console import Console
 
 from zoo.base.errors import InputError
+from zoo.base.process_pool import KilledProcessError
 from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import read_checkpoint_file, trained_epochs
@@ -58,13 +59,15 @@ def choose_best(
         `choice` of `metrics.json`: `epoch` of `best.ckpt`, counted from 1; `why`, a sentence; and
         `drives`: for each candidate that was driven, `file`, `what`, `epoch`, `score` and the
         figures of its drive, the best first. None where the run keeps no `best.ckpt`.
+
+    Raises:
+        KilledProcessError: a process that drove was killed; the resumed run drives again.
     """
     checkpoints = folder / "checkpoints"
     candidates = find_candidates(checkpoints, monitor)
     if not candidates or candidates[0]["file"] != BEST:
         return None
-    best, drives = candidates[0], []
-    why = best["what"]
+    best, why, drives = candidates[0], candidates[0]["what"], []
     if len(candidates) == 1:
         why += "; no other candidate"
     elif source is not None:
@@ -77,6 +80,8 @@ def choose_best(
     else:
         try:
             drives = _drive(score, checkpoints, candidates, console)
+        except KilledProcessError:  # the memory that was free must not choose
+            raise
         except InputError as error:  # without a simulator the monitored checkpoint is kept
             why += f"; not driven: {error}"
         else:
@@ -124,8 +129,7 @@ def find_candidates(checkpoints: Path, monitor: str | None) -> list[dict]:
     """
     candidates: dict[int, dict] = {}
     for file, what in SOURCES.items():
-        path = checkpoints / file
-        if path.is_file():
+        if (path := checkpoints / file).is_file():
             epoch = trained_epochs(read_checkpoint_file(path))
             what = (what or monitored_as(monitor)) if epoch else "the initial weights"
             candidates.setdefault(epoch, {"file": file, "what": what, "epoch": epoch})
@@ -164,8 +168,7 @@ def restore_monitored(folder: Path) -> None:
 
     Its next epochs compare with the monitored checkpoint, as if the run had not ended.
     """
-    monitored = folder / "checkpoints" / MONITORED
-    if monitored.is_file():
+    if (monitored := folder / "checkpoints" / MONITORED).is_file():
         monitored.replace(folder / "checkpoints" / BEST)
 
 

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
+from zoo.base.process_pool import KilledProcessError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.driving import run_drives
 from zoo.scoring.track_scores import RunScore, run_options
@@ -108,13 +109,17 @@ def test_what_needs_no_drive_is_not_driven_and_the_run_says_why(
     assert re.search(words, console.file.getvalue())
 
 
-def test_without_a_simulator_the_lowest_error_stays(
+def test_without_a_simulator_the_lowest_error_stays_but_no_lack_of_memory_chooses(
     run: Path, console: Console, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    errors = [InputError("no renderer opens"), KilledProcessError("a process was killed")]
+
     def fail(*_: object, **__: object) -> None:
-        raise InputError("no renderer opens")
+        raise errors.pop()
 
     monkeypatch.setattr(run_drives, "open_world", fail)
+    with pytest.raises(KilledProcessError):
+        choose_best(SHORT, "val/mse", run, console)
     assert choose_best(SHORT, "val/mse", run, console)["epoch"] == epoch(run) == 1
     assert "no renderer opens" in console.file.getvalue()
 
