@@ -14,10 +14,10 @@ from typing import Any
 
 import yaml
 
-from zoo.base.bounded_files import read_json
 from zoo.base.child_process import child_environment
 from zoo.base.errors import InputError
 from zoo.base.key_values import read_options
+from zoo.base.plain_files import read_json
 from zoo.base.whole_file import json_text, write_whole
 
 FOLDER = Path(__file__).parent / "studies"

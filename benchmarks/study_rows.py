@@ -18,7 +18,7 @@ from omegaconf import OmegaConf
 from benchmarks.board_rows import SUITE, Row, board_rows
 from benchmarks.carry import carried_rows
 from benchmarks.study_grid import Entry, Study, kept, run_logged
-from zoo.base.bounded_files import read_json
+from zoo.base.plain_files import read_json
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import PACKAGED

@@ -16,8 +16,7 @@ import numpy as np
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
-from zoo.base.bounded_files import open_regular, read_regular
-from zoo.base.file_kind import HEAD_BYTES, find_kind
+from zoo.base.bounded_files import HEAD_BYTES, find_kind, open_regular, read_regular
 
 # Limits before an image is read and before it is decoded: a few kB can hold gigabytes of pixels.
 MOST_IMAGE_BYTES = 32_000_000

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from datamodules.recording import Recording
-from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
+from zoo.base.plain_files import read_json
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import write_rig
 

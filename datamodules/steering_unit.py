@@ -61,7 +61,7 @@ def keys_and_values(key: str, value: str | Mapping | None) -> Mapping | None:
     """
     if not isinstance(value, str) or not value.startswith("{"):
         return value if isinstance(value, Mapping) else None
-    from zoo.base.bounded_files import parse_yaml  # slow import: YAML
+    from zoo.base.plain_files import parse_yaml
 
     try:
         content = parse_yaml(value)

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from zoo.base.bounded_files import check_text, parse_json
 from zoo.base.errors import InputError
 from zoo.base.limits import is_ordinary
+from zoo.base.plain_files import check_text, parse_json
 
 MOST = 1e308  # near the largest float
 

@@ -20,9 +20,9 @@ from tests.recordings import Written
 from tests.refusals import refusal
 from tests.zoo.command_runs import ROOT, environment
 from tests.zoo.results.synthetic_results import of_levels, summed, write
-from zoo.base.bounded_files import read_json
 from zoo.base.compose import refuse_repeated
 from zoo.base.errors import InputError
+from zoo.base.plain_files import read_json
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names, read_facts
 from zoo.results.benchmark_options import BASELINES

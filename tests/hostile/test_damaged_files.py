@@ -13,8 +13,9 @@ from tests.refusals import refusal
 from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
-from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
+from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES
 from zoo.base.errors import InputError
+from zoo.base.plain_files import read_json, read_yaml
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.driving.drive_log import DriveWriter, read_drive, write_summary
 from zoo.driving.drive_record import DriveRow

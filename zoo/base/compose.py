@@ -19,11 +19,11 @@ from hydra.errors import (
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
-from zoo.base.bounded_files import mapped
 from zoo.base.command import is_path
 from zoo.base.command_keys import help_row, typed_keys
 from zoo.base.conf_files import choice_files, choices, comments_of, conf_folder, trainer_arguments
 from zoo.base.errors import UsageError, hint
+from zoo.base.plain_files import mapped
 from zoo.base.terminal import command_line
 
 # Keys whose values are paths; in a path, Hydra's grammar has no meaning except `${...}`.

@@ -54,7 +54,7 @@ def convert(name: str, kind: Any, value: Any) -> Any:
     if not is_named or is_misplaced_bool(kind, value):
         raise UsageError(f"{name}={typed(original)}: must be {wanted(kind)}")
     if isinstance(value, str) and plain & {list, tuple}:
-        from zoo.base.bounded_files import parse_yaml  # slow import: YAML
+        from zoo.base.plain_files import parse_yaml
 
         try:
             value = parse_yaml(value if value.startswith("[") else f"[{value}]")

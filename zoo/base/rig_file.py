@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError, hint
+from zoo.base.plain_files import read_yaml
 from zoo.base.rig import RIGS, Camera, Rig, centred, single_camera_rig
 
 RIG_NAME = "rig.yaml"

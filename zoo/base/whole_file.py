@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from zoo.base.bounded_files import mapped
 from zoo.base.errors import InputError, file_errors
 from zoo.base.file_text import csv_text
 from zoo.base.output_files import check_output
+from zoo.base.plain_files import mapped
 
 OPEN_FILES_STAY = os.name == "nt"  # Windows replaces no file that a program has open
 REPLACE_S, RETRY_S = 2.0, 0.1  # longest wait for it, and time between two tries

@@ -19,10 +19,11 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
-from zoo.base.bounded_files import check_text, check_version, hash_file, leaves, open_binary
+from zoo.base.bounded_files import hash_file, open_binary
 from zoo.base.errors import InputError, file_errors
 from zoo.base.limits import check_unpacked, open_archive
 from zoo.base.parts import Part, part_class, part_of, unknown_part
+from zoo.base.plain_files import check_text, check_version, leaves
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import find_rig
 from zoo.base.terminal import error_line

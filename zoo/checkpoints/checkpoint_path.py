@@ -47,7 +47,7 @@ def trained_paths(data: Mapping, begin: object) -> dict:
     """
     if not isinstance(begin, str | Path) or Path(begin) == Path.cwd():
         return {}
-    from zoo.base.bounded_files import mapped  # imports yaml, which the doctor may lack
+    from zoo.base.plain_files import mapped
 
     def absolute(path: Any) -> Any:
         file = Path(begin, os.path.expanduser(path)) if isinstance(path, str) else None  # noqa: PTH111

@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from zoo.base.bounded_files import mapped
+from zoo.base.plain_files import mapped
 from zoo.checkpoints.checkpoint import PREFIX
 from zoo.checkpoints.checkpoint_path import STARTED_IN
 

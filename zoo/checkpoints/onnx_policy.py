@@ -78,7 +78,7 @@ class OnnxPolicy(SessionPolicy):
 
     def _read_card(self) -> Window | None:
         """Take the facts in the metadata that an export wrote; return the window, if any."""
-        from zoo.base.bounded_files import check_text, check_version, parse_json
+        from zoo.base.plain_files import check_text, check_version, parse_json
         from zoo.checkpoints.checkpoint import FORMAT  # imports torch
 
         try:  # decoding raises UnicodeDecodeError

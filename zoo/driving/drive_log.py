@@ -18,8 +18,9 @@ from typing import Any
 from pydantic import create_model
 
 from datamodules.driving_log import replace_undecoded
-from zoo.base.bounded_files import check_version, open_text, read_json
+from zoo.base.bounded_files import open_text
 from zoo.base.errors import InputError
+from zoo.base.plain_files import check_version, read_json
 from zoo.base.whole_file import AppendedFile, json_text, write_whole
 from zoo.driving.drive_record import Drive, DriveRow, WrittenDrive
 from zoo.driving.metrics import METRICS, measure

@@ -8,9 +8,10 @@ from pathlib import Path, PureWindowsPath
 
 from rich.console import Console
 
-from zoo.base.bounded_files import check_version, hash_file, read_json
+from zoo.base.bounded_files import hash_file
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
+from zoo.base.plain_files import check_version, read_json
 from zoo.base.terminal import counted, printable
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.driving.drives_table import tied_line

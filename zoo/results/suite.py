@@ -13,10 +13,10 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from zoo.base.bounded_files import read_like
 from zoo.base.conf_files import choices, conf_folder
 from zoo.base.errors import InputError, UsageError, hint, placed_errors
 from zoo.base.limits import check_most
+from zoo.base.plain_files import read_like
 from zoo.driving.open_world import open_world
 from zoo.driving.scenario import Scenario, SpeedMph
 from zoo.runs.record_fields import Count, Number, OnlyFields, check_fields

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from zoo.base.bounded_files import MOST_JSON_BYTES, hash_file, parse_json, read_text
+from zoo.base.bounded_files import MOST_JSON_BYTES, hash_file, read_text
 from zoo.base.errors import InputError, UsageError, file_errors
+from zoo.base.plain_files import parse_json
 from zoo.base.terminal import counted
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint_path import find_checkpoint

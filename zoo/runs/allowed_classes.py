@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from zoo.base.bounded_files import mapped
 from zoo.base.parts import part_class
+from zoo.base.plain_files import mapped
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from zoo.base.bounded_files import check_version, read_json
+from zoo.base.plain_files import check_version, read_json
 from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.code_fingerprint import CodeFacts
 from zoo.runs.record_fields import Fields, Figures, Number, Whole, check_fields, plain

@@ -9,8 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.bounded_files import check_text, open_text, read_yaml, read_yaml_text
+from zoo.base.bounded_files import MOST_YAML_BYTES, open_text, read_text
 from zoo.base.errors import InputError
+from zoo.base.plain_files import check_text, parse_yaml, read_yaml
 from zoo.runs import metrics_file
 from zoo.runs.allowed_classes import with_present_names
 from zoo.runs.metrics_file import read_metrics_file
@@ -236,14 +237,15 @@ def load_config(folder: Path) -> "DictConfig":
     from yaml import YAMLError
 
     path = folder / HYDRA / "config.yaml"
-    check_fields(Config, read_yaml(path, any_path=True), path)
+    text = read_text(path, MOST_YAML_BYTES)
     try:
-        config = OmegaConf.create(read_yaml_text(path, any_path=True))
+        check_fields(Config, parse_yaml(text, any_path=True), path)
+        config = OmegaConf.create(text)
         # Interpolations of Hydra's settings cannot be resolved outside Hydra.
         content = check_text(OmegaConf.to_container(config, resolve=False), any_path=True)
     except (OmegaConfBaseException, YAMLError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: cannot be read as a config ({reason})") from None
+        raise InputError(f"{path}: is no config in valid YAML ({reason})") from None
     check_fields(Config, content, path)
     plain_config: DictConfig = OmegaConf.create(with_present_names(content))
     return plain_config

@@ -21,10 +21,10 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from zoo.base.bounded_files import leaves
 from zoo.base.errors import InputError, UsageError
 from zoo.base.new_folder import RECIPE
 from zoo.base.parts import unknown_part
+from zoo.base.plain_files import leaves
 from zoo.runs.allowed_classes import is_allowed
 
 TRUST = "trust"  # key with which the user allows more

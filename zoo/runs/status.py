@@ -13,8 +13,8 @@ from pathlib import Path
 import psutil
 from filelock import FileLock
 
-from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, PrunedError, StoppedError
+from zoo.base.plain_files import read_json
 from zoo.base.whole_file import remove_parts, write_whole
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain

@@ -15,8 +15,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from zoo.base.bounded_files import mapped, read_like
 from zoo.base.errors import InputError, placed_errors
+from zoo.base.plain_files import mapped, read_like
 from zoo.simulator.centreline import closing_segments
 from zoo.simulator.track import GroundKind, Track, VergeKind
 from zoo.simulator.track_content import MOST_POINTS, make_track

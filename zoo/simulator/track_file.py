@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import UsageError, hint, placed_errors
+from zoo.base.plain_files import read_yaml
 from zoo.simulator.road_family import draw_road, find_family
 from zoo.simulator.track import Track
 from zoo.simulator.track_content import make_track

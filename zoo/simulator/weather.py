@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from zoo.base.bounded_files import parse_yaml
 from zoo.base.command_keys import Section, keys_of, typed_keys
 from zoo.base.errors import UsageError, placed_errors
 from zoo.base.key_values import check_keys, check_values, constructed
+from zoo.base.plain_files import parse_yaml
 from zoo.simulator.udacity_car import CameraOffset
 
 if TYPE_CHECKING:

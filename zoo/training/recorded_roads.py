@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECIPE
+from zoo.base.plain_files import read_json
 from zoo.simulator.road_family import roads_digest
 from zoo.simulator.track_names import DRAWN, recorded_name, short_name
 

@@ -14,12 +14,12 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.recording_format import read_recordings
-from zoo.base.bounded_files import read_json
 from zoo.base.compose import escape_interpolation, plain_dict
 from zoo.base.conf_files import choice_files
 from zoo.base.errors import InputError, file_errors
 from zoo.base.machine import usable_cores
 from zoo.base.new_folder import RECIPE, whole_folder
+from zoo.base.plain_files import read_json
 from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import write_whole
 from zoo.models.frame_window import Window

@@ -20,10 +20,11 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 
 from datamodules.recording import LOG_NAME
-from zoo.base.bounded_files import check_version, hash_file, read_json
+from zoo.base.bounded_files import hash_file
 from zoo.base.compose import choices, config_groups, hydra_overrides
 from zoo.base.errors import InputError
 from zoo.base.parts import KEY, named_parts
+from zoo.base.plain_files import check_version, read_json
 from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.code_fingerprint import package_versions
 from zoo.runs.record_fields import Fields, Whole, check_fields

@@ -11,9 +11,9 @@ from datamodules.data_settings import DataSettings
 from tests.recordings import Written
 from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.trainings import SMALL
-from zoo.base.bounded_files import mapped
 from zoo.base.compose import compose_config
 from zoo.base.entry_points import file_of
+from zoo.base.plain_files import mapped
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.runs.allowed_classes import RENAMED
 from zoo.runs.run_record import Run

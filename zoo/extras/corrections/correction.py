@@ -13,8 +13,9 @@ from rich.table import Table as PrintedTable
 
 from datamodules.driving_log import read_log
 from datamodules.recording import LOG_NAME
-from zoo.base.bounded_files import hash_file, read_json
+from zoo.base.bounded_files import hash_file
 from zoo.base.errors import InputError, file_errors
+from zoo.base.plain_files import read_json
 from zoo.base.terminal import counted
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint import load_checkpoint

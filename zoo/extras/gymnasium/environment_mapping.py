@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from zoo.base.bounded_files import read_yaml
 from zoo.base.conf_files import choice_files
 from zoo.base.errors import InputError, placed_errors
+from zoo.base.plain_files import read_yaml
 from zoo.simulator.yaml_fields import Keys, Number, Whole, number, read_keys
 
 # No name may begin with an underscore: those lead out of an environment.

@@ -14,15 +14,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from zoo.base.bounded_files import (
-    MOST_JSON_BYTES,
-    check_text,
-    open_binary,
-    parse_json,
-    read_text,
-)
+from zoo.base.bounded_files import MOST_JSON_BYTES, open_binary, read_text
 from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import MOST, open_archive
+from zoo.base.plain_files import check_text, parse_json
 from zoo.base.process_pool import read_apart
 from zoo.checkpoints.network_files import TORCH
 from zoo.extras.keras.keras_arrays import WeightsFile

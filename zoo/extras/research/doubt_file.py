@@ -11,8 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from zoo.base.bounded_files import check_version
 from zoo.base.errors import InputError, placed_errors
+from zoo.base.plain_files import check_version
 from zoo.checkpoints.checkpoint import (
     FORMAT,
     PREFIX,

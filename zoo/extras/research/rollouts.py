@@ -11,10 +11,11 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from zoo.base.bounded_files import hash_file, open_text, read_json
+from zoo.base.bounded_files import hash_file, open_text
 from zoo.base.entry_points import load_entry, named_entries
 from zoo.base.errors import InputError, UsageError, hint
 from zoo.base.limits import check_most, is_ordinary
+from zoo.base.plain_files import read_json
 
 MOST_CSV_BYTES = 64_000_000
 EVAL_INFO, MERGED = "eval_info.json", "merged.json"  # as both programs name their files

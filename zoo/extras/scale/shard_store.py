@@ -22,9 +22,9 @@ from filelock import FileLock
 
 from datamodules.image import MOST_IMAGE_BYTES, ImageStore
 from datamodules.recording import file_name
-from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
 from zoo.base.limits import is_ordinary
+from zoo.base.plain_files import read_json
 
 SCHEME = "s3:"
 INDEX = "index.json"

@@ -17,9 +17,9 @@ from datamodules.formats.recording_writer import left_out_note, reported
 from datamodules.image import Stored, StoredImage, encode_image, find_fault
 from datamodules.recording import TIMED_LABELS, Recording, indices, keep_valid, make_recording
 from datamodules.stretches import complete_times, continuous_drives
-from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, optional_import
 from zoo.base.new_folder import whole_folder
+from zoo.base.plain_files import read_json
 from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import make_rig, rig_fields
 from zoo.extras.scale.shard_store import EXTRA, INDEX, REMEDY, ShardStore, is_address

@@ -10,10 +10,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zoo.base.bounded_files import read_json
 from zoo.base.child_process import limit_resource
 from zoo.base.errors import InputError
 from zoo.base.module_start import run_module
+from zoo.base.plain_files import read_json
 from zoo.base.rig import UDACITY
 from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.onnx_policy import TOLERANCE
