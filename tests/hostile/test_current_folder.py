@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.command_runs import run_words
-from zoo.base.child_process import module_command
+from tests.zoo.command_runs import ROOT, run_words
+from zoo.base.child_process import find_program, module_command
+from zoo.runs.code_fingerprint import commit_of
 
 FOLDERS = ("zoo", "datamodules", "drivezoo", "hydra_plugins/stranger")
 FILES = (
@@ -60,6 +61,14 @@ def test_a_command_runs_none_of_its_files(stranger: Path) -> None:
 
 def test_a_child_process_runs_none_of_its_files(stranger: Path) -> None:
     assert "lake" in run(stranger, *module_command("zoo.commands.list", "tracks"))
+
+
+def test_no_program_of_the_folder_is_found(stranger: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before Python 3.12, `which` looks there first on Windows."""
+    (stranger / "git").touch(0o755)
+    monkeypatch.chdir(stranger)
+    monkeypatch.setenv("PATH", ".")
+    assert find_program("git") is commit_of(ROOT) is None
 
 
 def test_a_spawned_process_runs_none_of_its_files_without_safe_path(stranger: Path) -> None:

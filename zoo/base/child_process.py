@@ -1,6 +1,7 @@
 """Modules of drivezoo as child processes, which end when their parent ends, however it ends."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -51,6 +52,16 @@ def end_module(process: subprocess.Popen, grace_s: float = GRACE_S) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def find_program(name: str) -> str | None:
+    """Return the path of a program, never of one in the current folder, where Windows looks first.
+
+    `subprocess` and, before Python 3.12, `shutil.which` would run what a stranger put there.
+    """
+    # Where the current folder is named, `which` does not add it as the first.
+    path = shutil.which(name, path=os.pathsep.join([*os.get_exec_path(), os.curdir]))
+    return path if path and Path(path).is_absolute() else None
 
 
 def limit_resource(name: str, most_bytes: int) -> None:

@@ -37,6 +37,8 @@ def _leave_out_current_folder() -> None:
         folders = filter(None, [os.environ.get("PYTHONPATH")])
         os.environ["PYTHONPATH"] = os.pathsep.join([ROOT, *folders])
     os.environ["PYTHONSAFEPATH"] = "1"
+    # Windows then starts no program of the current folder, for a library, either.
+    os.environ["NODEFAULTCURRENTDIRECTORYINEXEPATH"] = "1"
 
 
 def clean_spawned_processes() -> None:

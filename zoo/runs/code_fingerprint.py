@@ -4,10 +4,12 @@ import functools
 import hashlib
 import platform
 import subprocess
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import TypeAlias
 
+from zoo.base.child_process import find_program
 from zoo.base.compose import conf_folder
 
 PACKAGES = ("zoo", "datamodules", "hydra_plugins")
@@ -70,17 +72,9 @@ def changed_files(root: Path) -> list[str]:
 
 def _git(root: Path, *words: str) -> str:
     """Return the output of a command of git; empty outside a checkout, or without git."""
-    if not (root / ".git").exists():  # a parent folder may be another project's checkout
-        return ""
-    try:
-        return subprocess.run(
-            ["git", "-C", str(root), *words],
-            capture_output=True,
-            text=True,
-            encoding="utf-8",
-            errors="replace",
-            timeout=10,
-            check=False,
-        ).stdout
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
+    git = find_program("git")
+    with suppress(OSError, subprocess.TimeoutExpired):
+        if git and (root / ".git").exists():  # a parent folder may be another project's checkout
+            done = subprocess.run([git, "-C", str(root), *words], capture_output=True, timeout=10)
+            return done.stdout.decode(errors="replace")
+    return ""

@@ -2,13 +2,13 @@
 
 import ctypes
 import math
-import shutil
 import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from zoo.base.child_process import find_program
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.frame_memory import SessionPolicy
@@ -22,7 +22,7 @@ WAIT_S = 300.0
 
 def find_compiler() -> str | None:
     """Return the path of a C compiler; None without one."""
-    return next(filter(None, map(shutil.which, COMPILERS)), None)
+    return next(filter(None, map(find_program, COMPILERS)), None)
 
 
 class CompiledPolicy(NetworkPolicy, SessionPolicy):
