@@ -46,7 +46,8 @@ def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Pop
 def end_module(process: subprocess.Popen, grace_s: float = GRACE_S) -> None:
     """End a child process, after some seconds also one that does not react to Ctrl-C."""
     if process.poll() is None:  # as after Ctrl-C, so that it completes its files
-        process.send_signal(getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))  # first: on Windows
+        with suppress(OSError):  # Windows, where this process has no terminal
+            process.send_signal(getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))
     try:
         process.wait(grace_s)
     except subprocess.TimeoutExpired:

@@ -228,6 +228,13 @@ def test_a_child_prints_utf_8_into_a_pipe(monkeypatch) -> None:
     assert "J\xf6rg: " in child.communicate()[0].decode()
 
 
+def test_a_child_ends_where_windows_has_no_terminal_to_stop_it(monkeypatch) -> None:
+    monkeypatch.setattr("signal.CTRL_BREAK_EVENT", 10_000, raising=False)  # `os.kill` refuses it
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    child_process.end_module(process, grace_s=0)
+    assert process.returncode
+
+
 @pytest.mark.parametrize(
     ("quota", "cores"), [(float("inf"), 4), (16.0, 4), (2.5, 3), (2.0, 2), (0.3, 1)]
 )
