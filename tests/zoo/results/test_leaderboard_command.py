@@ -406,6 +406,9 @@ def test_the_page_draws_and_picks(tmp_path: Path) -> None:
             browser.call("Input.dispatchMouseEvent", **mouse, buttons=buttons)
         # It shows the learning rate, highest on top: the drag selects the worst entry only.
         assert browser.value("document.querySelectorAll('#ranking tr.out').length") == 2
+        browser.call("Emulation.setEmulatedMedia", media="print")  # paper does not scroll
+        frame = "getComputedStyle(document.querySelector('.scroll'))"
+        assert browser.value(f"{frame}.overflow + {frame}.maxHeight") == "visiblenone"
         assert not browser.errors
 
 
