@@ -131,8 +131,8 @@ def mean_rate(recording: Recording) -> float:
     The median is wrong for steps of whole frames: 15 Hz in steps of 0.02 s has a median of 0.06 s.
     """
     steps = np.diff(recording.time_s)[~find_breaks(recording)]
-    steps = steps[steps > 0]
-    return float(1 / steps.mean()) if len(steps) else rows_per_second(recording)
+    steps = steps[steps >= 0]
+    return float(1 / steps.mean()) if steps.any() else rows_per_second(recording)
 
 
 def times_of_drives(drive: np.ndarray, since_start_s: np.ndarray) -> np.ndarray:

@@ -252,13 +252,13 @@ def report_recordings(recording: Recording) -> list[RecordingReport]:
 
 def _report(recording: Recording, name: str) -> RecordingReport:
     steps = np.diff(recording.time_s)
-    driven = steps[(steps > 0) & (steps <= GAP_S)]
+    driven = steps[(steps >= 0) & (steps <= GAP_S)]
     return RecordingReport(
         name=name,
         rows=len(recording),
         side_cameras=sum(None not in row for row in recording.images[:, 1:].tolist()),
-        seconds=float(driven.sum()) if len(driven) else float("nan"),
-        fps=float(1 / driven.mean()) if len(driven) else float("nan"),
+        seconds=float(driven.sum()) if driven.any() else float("nan"),
+        fps=float(1 / driven.mean()) if driven.any() else float("nan"),
         gaps=int(find_breaks(recording).sum()),
         zero_share=float((recording.steering == 0).mean()) if len(recording) else float("nan"),
         mean_speed_mph=float(recording.speed_mph.mean()) if len(recording) else float("nan"),

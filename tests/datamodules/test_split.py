@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from datamodules.looking.findings import report_recordings
 from datamodules.looking.leak import leak_lines, random_split_leak, seconds_apart
 from datamodules.recording import LONG_DRIVE, SHORT_DRIVES, Recording
 from datamodules.recording_format import read_recordings
 from datamodules.split import PARTS, Split, rows_per_second, split_rows, split_words, write_split
+from datamodules.stretches import mean_rate
 from tests import foreign_recordings as foreign
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError
@@ -223,6 +225,9 @@ def test_a_split_file_of_other_images_or_parts_is_refused(small, tmp_path, part,
 def test_rate_is_the_medians_and_without_times_the_simulators(small):
     assert rows_per_second(small) == pytest.approx(15, abs=0.3)
     recording = driven(10)
+    recording.time_s[:] = np.arange(10) // 5  # a clock of whole seconds
+    rates = rows_per_second(recording), mean_rate(recording), report_recordings(recording)[0].fps
+    assert rates == (9.0, 9.0, 9.0)
     recording.time_s[:] = np.nan
     assert rows_per_second(recording) == 15.0
 

@@ -76,11 +76,11 @@ def read_shots(folder: Path, faults: list[str], **said: Any) -> list[Shot]:
 def real_fps(shots: list[Shot]) -> float:
     """Return the frames per second of the recording, 1..60; 15 if unknown."""
     steps = np.diff([shot.time_s for shot in shots])
-    steps = steps[steps > 0]  # drops NaN, and equal times of two clients
-    if not len(steps):
+    forward = steps[steps > 0]  # drops NaN
+    if not len(forward):
         return USUAL_FPS
     # The mean without pauses; the median is wrong: 15 Hz in steps of 0.02 s has a median of 0.06 s.
-    usual = steps[steps < 3 * np.median(steps)]
+    usual = steps[(steps >= 0) & (steps < 3 * np.median(forward))]
     return float(np.clip(round(1 / float(usual.mean()), 1), 1.0, MOST_FPS))
 
 

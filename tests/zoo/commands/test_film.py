@@ -67,6 +67,7 @@ def test_images_are_filmed_in_the_order_of_time(recorded: Written, tmp_path: Pat
     assert [shot.path.stem for shot in shots] == [recorded.stems[row] for row in (3, 5, 7)]
     assert shots[0].state == Overlay()
     assert real_fps(shots) == pytest.approx(7.5, abs=0.1)
+    assert real_fps(sorted(shots * 2, key=lambda shot: shot.time_s)) == pytest.approx(19, abs=0.5)
     meta, frames = decode(tmp_path / "a=[run] 1.mp4")
     assert meta["fps"] == 48
     assert len(frames) == 3
