@@ -67,10 +67,10 @@ class Referee(Result):
     def read(
         cls,
         paths: Sequence[Path],
-        names: Sequence[str] = (),
-        wanted: Wanted | None = None,
-        same_seeds: bool = False,
-        paired: bool = False,
+        names: Sequence[str],
+        wanted: Wanted,
+        same_seeds: bool,
+        paired: bool,
     ) -> "Referee":
         """Compare the policies of some files; see `rollout_compare.compare`.
 
@@ -78,7 +78,6 @@ class Referee(Result):
             InputError: see `read_policies`, or paired trainings share no seed.
             UsageError: see `read_policies`.
         """
-        wanted = wanted or Wanted()
         policies, notes = read_policies(paths, names, wanted)
         if same_seeds:
             policies = {name: _numbered(rollouts) for name, rollouts in policies.items()}
@@ -86,6 +85,7 @@ class Referee(Result):
         while policies != before:  # without some trainings, policies may share fewer scenes
             before, policies = policies, _shared(policies, "scene", notes)
             policies = _shared(policies, "training", notes) if paired else policies
+        policies = _weighted(policies)
         for name in ("scene", "training") if paired else ("scene",):
             every, kept = (set[str]().union(*_values(side, name)) for side in (whole, policies))
             if others := every - kept:
@@ -101,10 +101,9 @@ class Referee(Result):
         half = len(self.differences) // 2
         lines = []
         for these, new in zip(self.differences[:half], self.differences[half:], strict=True):
-            survives = these.verdict == new.verdict
-            where = THESE if not survives else f"{THESE}, and on {NEW}"
-            lines.append(f"verdict: {these.a}, {these.b}: {these.verdict} on {where}")
-            if not survives:
+            too = f", and on {NEW}" if these.verdict == new.verdict else ""
+            lines.append(f"verdict: {these.a}, {these.b}: {these.verdict} on {THESE}{too}")
+            if not too:
                 lines.append(f"on {NEW}: {new.verdict}")
             lines += [
                 f"to tell on {row.scope}: {text}"
@@ -121,9 +120,7 @@ class Referee(Result):
         """Print the policies, the difference of each pair, and the verdicts."""
         console = Console(emoji=False, soft_wrap=True)
         pairs = self.result_table().chosen(",".join(COLUMNS[:-1]))  # the lines have the last one
-        tables = self.policy_table(), pairs
-        for table in tables:
-            caption = INTERVALS if table is tables[-1] else None
+        for table, caption in ((self.policy_table(), None), (pairs, INTERVALS)):
             shown = table.narrow().printed(
                 left=1, box=SIMPLE_HEAD, show_edge=False, caption=caption, caption_justify="left"
             )
@@ -171,9 +168,8 @@ class Referee(Result):
     def plot(self) -> Figure:
         """Return the difference of each pair with its 95 % interval."""
         figures = {f"{row.a} - {row.b}, {row.scope}": row.figure for row in self.differences}
-        return interval_plot(
-            figures, f"difference in {self.score}", 0.0, 100 if self._is_share else 1
-        )
+        factor = 100 if self._is_share else 1
+        return interval_plot(figures, f"difference in {self.score}", 0.0, factor)
 
     def write(self, path: Path) -> Path:
         """Write all figures as JSON; return the path.
@@ -236,6 +232,16 @@ def _numbered(rollouts: Sequence[Rollout]) -> list[Rollout]:
         numbered.append(row if row.seed else replace(row, seed=f"number {counts[key]}"))
         counts[key] += 1
     return numbered
+
+
+def _weighted(policies: Mapping[str, list[Rollout]]) -> dict[str, list[Rollout]]:
+    """Return rollouts with weights by which a scene counts alike in each policy's mean."""
+    own = Counter((name, row.scene) for name, rows in policies.items() for row in rows)
+    every = Counter(row.scene for rows in policies.values() for row in rows)
+    return {
+        name: [replace(r, weight=every[r.scene] / own[name, r.scene] / len(policies)) for r in rows]
+        for name, rows in policies.items()
+    }
 
 
 def _values(policies: Mapping[str, list[Rollout]], name: str) -> list[set[str]]:

@@ -18,8 +18,7 @@ def detect(files: Sequence[str | Path]) -> bool:
     from zoo.extras.research.rollouts import rollouts_path
 
     named = [Path(file).expanduser() for file in files if isinstance(file, str | Path)]
-    paths = map(rollouts_path, named)
-    return any(path.is_file() and not is_result(path) for path in paths)
+    return any(path.is_file() and not is_result(path) for path in map(rollouts_path, named))
 
 
 @command(outputs=True)
@@ -74,6 +73,5 @@ def compare(
     wanted = Wanted(score or "", {key: name for key, name in typed.items() if name is not None})
     named = [name.strip() for name in names.split(",")] if names else ()
     result = Referee.read(paths, named, wanted, same_seeds, paired)
-    result.written.append(result.write(path))
-    result.written.extend(write.write_files(result))
+    result.written.extend([result.write(path), *write.write_files(result)])
     return result

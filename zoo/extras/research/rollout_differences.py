@@ -154,14 +154,14 @@ def _strata(units: Sequence[Units], order: Units, scope: str) -> list[str]:
 
 
 def _tables(rollouts: Sequence[Rollout], units: Units, order: Units) -> list[np.ndarray]:
-    """Return the sums of scores and the numbers of rollouts, float64 [trainings, units]."""
+    """Return the sums of scores and those of weights, float64 [trainings, units]."""
     columns = {unit: number for number, unit in enumerate(order)}
-    trainings = {row.training: None for row in rollouts}
-    rows = {training: number for number, training in enumerate(sorted(trainings))}
-    sums, counts = np.zeros((2, len(rows), len(order)))
+    trainings = sorted({row.training for row in rollouts})
+    sums, counts = np.zeros((2, len(trainings), len(order)))
     for row, unit in zip(rollouts, units, strict=True):
-        sums[rows[row.training], columns[unit]] += row.score
-        counts[rows[row.training], columns[unit]] += 1
+        cell = trainings.index(row.training), columns[unit]
+        sums[cell] += row.score * row.weight
+        counts[cell] += row.weight
     return [sums, counts]
 
 

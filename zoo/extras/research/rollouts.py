@@ -37,6 +37,7 @@ class Rollout:
         scene: task, route or scene; empty where it is unknown.
         seed: random seed of the rollout; empty where it is unknown.
         training: training seed of the policy; empty where it is unknown.
+        weight: what it counts in the policy's mean.
     """
 
     policy: str
@@ -44,6 +45,7 @@ class Rollout:
     scene: str = ""
     seed: str = ""
     training: str = ""
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,7 @@ class TableKind:
         rollouts = []
         for number, row in enumerate(content, 1):
             cells = {key: row[name] if name else None for key, name in columns.items()}
-            texts = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
+            texts: Any = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
             row_name = f"line {row.line}" if isinstance(row, Row) else f"rollout {number}"
             where = f"{path}: {row_name}"
             value = _number(_score(row, score, path), where)
@@ -277,8 +279,7 @@ def _rows(path: Path) -> list[Row]:
                 if any(cells[len(names) :]):  # such as what follows a decimal comma
                     where = f"{path}: line {reader.line_num}"
                     raise InputError(f"{where}: has more cells than the header; write 0.5, not 0,5")
-                row = zip_longest(names, cells[: len(names)], fillvalue="")
-                rows.append(Row(reader.line_num, row))
+                rows.append(Row(reader.line_num, zip_longest(names, cells, fillvalue="")))
         except (csv.Error, UnicodeDecodeError) as error:
             raise InputError(f"{path}: is no CSV in UTF-8 ({error}); save it again") from None
     check_most("rows", len(rows), path, "compare fewer rollouts")
@@ -296,8 +297,7 @@ def _score(scores: Any, name: str, path: Path) -> Any:
 def _number(value: Any, where: object) -> float:
     """Return a score as a number; a word such as true counts as 1."""
     try:
-        number = WORDS.get(str(value).strip().lower())
-        number = float(value) if number is None else number
+        number = float(WORDS.get(str(value).strip().lower(), value))
     except (TypeError, ValueError):
         number = math.nan
     if not is_ordinary(number):

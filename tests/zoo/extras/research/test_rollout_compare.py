@@ -139,6 +139,16 @@ def test_a_file_counts_once(tmp_path: Path, won: np.ndarray) -> None:
             drivezoo.compare(file.parent, again, other, names=names, out=tmp_path / "out.json")
 
 
+def test_a_scene_counts_alike_in_each_policy(tmp_path: Path) -> None:
+    won = np.repeat([[1, 1, 1, 1, 0], [0, 0, 0, 0, 1]], 2, axis=0)
+    rows = rollouts("easy", won) + rollouts("hard", won)
+    rows += 3 * [row for row in rows if (row.policy == "easy") == (row.scene < "scene 2")]
+    file = table(tmp_path / "r.csv", rows)
+    result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
+    assert [row.figure.value for row in result.differences] == pytest.approx([0, 0])
+    assert result.policy_table().columns[-1].figures["success"] == pytest.approx([0.5, 0.5])
+
+
 def test_paired_trainings_are_compared_on_the_scenes_that_they_share(tmp_path: Path) -> None:
     won = np.tile([1, 0, 1, 1, 0], (3, 1))
     a = [replace(row, training=str(n)) for n in range(2) for row in rollouts("a", won)]
@@ -151,9 +161,8 @@ def test_paired_trainings_are_compared_on_the_scenes_that_they_share(tmp_path: P
     left = " left out, which not every policy has"
     assert result.notes[:2] == [f"1 scene{left}", f"2 trainings{left}"]
     extra = [replace(row, scene="scene 3") for row in a if row.scene == "scene 0"]
-    file = table(
-        tmp_path / "s.csv", [*a, *extra, *b]
-    )  # one scene is left out in each of two passes
+    # One scene is left out in each of two passes.
+    file = table(tmp_path / "s.csv", [*a, *extra, *b])
     result = drivezoo.compare(file, policy="method", paired=True, out=tmp_path / "two.json")
     assert result.notes[0] == f"2 scenes{left}"
 
