@@ -78,7 +78,8 @@ class Reached:
         return OPEN if best is not None and self._reaches(best) else MISSED
 
     def _reaches(self, figure: float) -> bool:
-        return figure >= self.value if FIGURES[self.figure].higher else figure <= self.value
+        short = self.value - figure if FIGURES[self.figure].higher else figure - self.value
+        return round(short, 9) <= 0  # 9 clean drives of 20 are 0.44999999999999996
 
     @property
     def texts(self) -> tuple[str, str, str]:
@@ -86,9 +87,9 @@ class Reached:
         shown = FIGURES[self.figure]
         required = shown.form.format(shown.factor * self.value)
         bound = "at least" if shown.higher else "at most"
-        form = shown.form
-        if not self.passed and form.format(shown.factor * (self.reached or 0)) == required:
-            form = "{:.5g}"  # rounded, it would seem to pass
+        alike = shown.form.format(shown.factor * (self.reached or 0)) == required
+        # Rounded, a missed one would seem to pass.
+        form = "{:.5g}" if alike and not self.passed else shown.form
         unknown = "none" if self.is_clean else "unknown"  # few roads have no bound
         reached = with_interval(self.interval, form, shown.factor)
         return shown.heading, f"{bound} {required}", unknown if reached == "-" else reached
