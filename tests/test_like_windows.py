@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path, PureWindowsPath
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -14,6 +15,8 @@ from tests.recordings import Written
 from tests.zoo import command_runs as commands
 from zoo.base.compose import compose_config
 from zoo.base.terminal import command_line
+from zoo.base.whole_file import write_whole
+from zoo.checkpoints.checkpoint_files import CheckpointFiles
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="emulates Windows on Linux")
 IMPORT_ALL = runpy.run_path(str(commands.ROOT / ".ci" / "matrix.py"))["IMPORT_ALL"]
@@ -73,6 +76,12 @@ def test_a_new_file_that_fails_is_closed_and_removed(windows: Windows) -> None:
     with pytest.raises(AssertionError, match="TypeError: a bytes-like object is required"):
         windows.run("-c", failing)
     assert not (windows.place / "a").exists()
+
+
+def test_a_checkpoint_that_another_program_reads_stays(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("os.remove", Mock(side_effect=PermissionError))
+    CheckpointFiles().remove_checkpoint(write_whole(tmp_path / "epoch=1.ckpt", "read"))
+    assert (tmp_path / "epoch=1.ckpt").exists()
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -47,6 +48,11 @@ class CheckpointFiles(TorchCheckpointIO):
         path.parent.mkdir(exist_ok=True)
         write_whole(path, contents.getbuffer())
 
+    def remove_checkpoint(self, path: str | Path) -> None:
+        """Remove a checkpoint that is no longer among the best, unless Windows keeps it open."""
+        with suppress(PermissionError):
+            super().remove_checkpoint(path)
+
     def load_checkpoint(self, path: str | Path, *args: Any, **options: Any) -> dict:
         """Return a checkpoint, with its callbacks' paths changed to its present folder.
 
@@ -57,13 +63,11 @@ class CheckpointFiles(TorchCheckpointIO):
             InputError: a path in a callback's state leads out of the checkpoint's folder.
         """
         checkpoint = super().load_checkpoint(path, *args, **options)
-        now = str(Path(path).parent)
         for key, state in checkpoint.get("callbacks", {}).items():
             if key in self._patience:
                 state["patience"] = self._patience[key]
-            before = state.get("dirpath") if isinstance(state, dict) else None
-            if before:
-                state.update(_moved(state, str(before), now))
+            if before := isinstance(state, dict) and state.get("dirpath"):
+                state.update(_moved(state, str(before), str(Path(path).parent)))
                 _check_paths(state, Path(path))
         return checkpoint
 
@@ -79,7 +83,7 @@ def _check_paths(state: dict, path: Path) -> None:
             )
 
 
-def _moved(value: object, before: str, now: str) -> object:
+def _moved(value: object, before: str, now: str) -> Any:
     r"""Return a value in which paths below the folder `before` lie below `now`.
 
     >>> _moved({"dirpath": "/a", "best_k_models": {"/a/best.ckpt": 1}}, "/a", "/b")
