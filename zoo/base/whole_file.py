@@ -78,7 +78,7 @@ def _replace(part: Path, path: Path) -> None:
             part.replace(path)
             return
         except PermissionError as error:
-            if not OPEN_FILES_STAY or not path.is_file():
+            if not (OPEN_FILES_STAY and path.is_file() and os.access(path, os.W_OK)):
                 raise
             if time.monotonic() >= last_s:
                 reason = "is open in another program; close it there and repeat the command"
@@ -158,8 +158,7 @@ def refuse_links_out(folder: Path) -> None:
     root = os.path.realpath(folder)
     for parent, folders, files in os.walk(folder):
         for name in (*folders, *files):
-            path = Path(parent, name)
-            if not path.is_symlink():
+            if not (path := Path(parent, name)).is_symlink():
                 continue
             target = os.path.realpath(path)
             if target != root and not target.startswith(root + os.sep):

@@ -117,11 +117,17 @@ def test_a_file_closed_in_time_is_replaced(tmp_path: Path, monkeypatch: pytest.M
     assert write_whole(path, "new").read_text() == "new"
 
 
-def test_a_file_that_stays_open_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("writable", "reason"), [(True, "open in another program; close it"), (False, "is denied")]
+)
+def test_a_file_that_stays_open_is_named(
+    writable: bool, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = write_whole(tmp_path / "a.txt", "old")
     open_for(monkeypatch, tries=10_000)
     monkeypatch.setattr(whole_file, "REPLACE_S", 0.01)
-    with pytest.raises(OSError, match=r"open in another program; close it.*a\.txt"):
+    monkeypatch.setattr("os.access", lambda *_: writable)
+    with pytest.raises(OSError, match=rf"{reason}.*a\.txt"):
         write_whole(path, "new")
     assert path.read_text() == "old"
     assert not list(tmp_path.glob(".a.txt.*"))
