@@ -294,9 +294,8 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> None:
     command = module_command("zoo", f"resume={folder}")
     if trusted := [refusal.trust for refusal in find_refusals(config)]:  # this sweep composed them
         command.append(f"{TRUST}={','.join(trusted)}")
-    result = subprocess.run(
-        command, env=child_environment(), stdout=sys.stdout, stderr=sys.stderr, check=False
-    )
+    environment = child_environment() | {"PYTHONIOENCODING": sys.stdout.encoding}
+    result = subprocess.run(command, env=environment, stdout=sys.stdout, stderr=sys.stderr)
     if result.returncode in (130, -signal.SIGINT):
         raise StoppedError("stopped")
     if result.returncode:

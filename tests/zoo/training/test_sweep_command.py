@@ -11,6 +11,8 @@ import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import psutil
 import pytest
@@ -32,7 +34,7 @@ from zoo.base.new_folder import hold_folder
 from zoo.base.process_ranks import needs_processes
 from zoo.commands.train import each_seed
 from zoo.runs.status import GONE_S, is_alive, read_status, write_status
-from zoo.training import start_sweep
+from zoo.training import start_sweep, sweep_jobs
 from zoo.training.start_sweep import find_unfinished, refuse_missing
 from zoo.training.sweep_jobs import Job, _heading, launch_all, watched
 from zoo.training.sweep_record import (
@@ -231,6 +233,14 @@ def test_a_job_on_two_devices_does_not_start_the_sweep_again(
     succeed(run(tmp_path, "-m", *SMALL, *more, "hydra.sweep.dir=s"))
     assert (tmp_path / "s" / "0" / "log.txt").read_text().count("epoch   1/1") == 1
     assert sorted(path.name for path in (tmp_path / "s").iterdir() if path.name.isdigit()) == ["0"]
+
+
+def test_a_job_on_two_devices_prints_its_log_in_utf_8(tmp_path: Path, monkeypatch) -> None:
+    ran = Mock(return_value=SimpleNamespace(returncode=0))
+    monkeypatch.setattr("subprocess.run", ran)
+    with sweep_jobs._output_to(tmp_path / "log.txt"):
+        sweep_jobs._train_in_subprocess(OmegaConf.create(), tmp_path)
+    assert ran.call_args.kwargs["env"]["PYTHONIOENCODING"] == "utf-8"
 
 
 @pytest.mark.parametrize(
