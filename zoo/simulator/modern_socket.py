@@ -69,7 +69,8 @@ class ModernSocket:
 
 def _silent(error: BaseException | None) -> bool:
     """Return whether connecting failed because a step of the handshake was not answered."""
-    if str(error) == "Unexpected connection error":  # no answer to the CONNECT packet
+    # No answer to the CONNECT packet; the second is what python-socketio before 5.17 says.
+    if str(error) in ("Unexpected connection error", "One or more namespaces failed to connect"):
         return True
     silent = (HandshakeSilentError, websocket.WebSocketTimeoutException)
     return error is not None and (isinstance(error, silent) or _silent(error.__context__))
