@@ -137,7 +137,7 @@ class DrivingData(RunData):
         if missing and chosen == "device":
             raise InputError(
                 f"data.augment_on=device: {missing} has no equivalent on the device; leave it out "
-                "of 'augment=[...]', or set data.augment_on=cpu"
+                'of "augment=[...]", or set data.augment_on=cpu'
             )
         if missing:
             line = f"augmented on the CPU: the device has no equivalent of {missing}"

@@ -239,7 +239,7 @@ def unit_hint(steering: Collection[float], turns: bool) -> str:
     beyond = [value for value in steering if RANGES["steering"][1] < abs(value) < math.inf]
     if not beyond or (turns and len(beyond) == 1):
         return ""
-    return f"degrees, or another unit? name it: 'data.steering={{{EXAMPLE}}}'"
+    return f'degrees, or another unit? name it: "data.steering={{{EXAMPLE}}}"'
 
 
 def _is_header(fields: list[str]) -> bool:

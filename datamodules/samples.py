@@ -187,7 +187,7 @@ def _side_cameras(
         if rig is None or side not in rig.cameras:
             raise UsageError(
                 f"{recording.names[number]}: {key} needs the place of the {side} camera; write "
-                "side_m to rig.yaml in this folder, or set 'data.cameras=[center]'"
+                'side_m to rig.yaml in this folder, or set "data.cameras=[center]"'
             )
         yield recording.recording == number, rig, rig.cameras[side].right_m
 

@@ -85,5 +85,5 @@ def read_unit(content: Mapping) -> SteeringUnit:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
         raise UsageError(
-            f"steering: {name}: {first['msg'].lower()}; for example 'steering={{{EXAMPLE}}}'"
+            f'steering: {name}: {first["msg"].lower()}; for example "steering={{{EXAMPLE}}}"'
         ) from None

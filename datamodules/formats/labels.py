@@ -174,13 +174,13 @@ def _check_range(
     if fits:
         fault = (
             f"all on one side of {unit.zero:g}, so that nothing shows which number steers straight "
-            f"on; for a clip of one bend name 'data.{unit.key()}',"
+            f'on; for a clip of one bend name "data.{unit.key()}",'
         )
     raise InputError(
         f"{folder}: the steering numbers are {finite.min():g}..{finite.max():g}, mostly about "
         f"{np.median(finite):g}: {fault} for a servo "
-        "'data.steering={unit: servo, zero: 90, full: 45, right: positive}', for a steering wheel "
-        f"'data.steering={{{EXAMPLE}}}'"
+        '"data.steering={unit: servo, zero: 90, full: 45, right: positive}", for a steering wheel '
+        f'"data.steering={{{EXAMPLE}}}"'
     )
 
 
@@ -197,7 +197,7 @@ def _agreement(folder: Path, recording: Recording, unit: SteeringUnit) -> str:
     raise InputError(
         f"{folder}: the format does not say what its steering is, and the images {what} that it is "
         f"{unit.words()} ({evidence.words()}); look at them, and name what is right, such as "
-        f"'data.{likely.key()}'"
+        f'"data.{likely.key()}"'
     )
 
 

@@ -63,7 +63,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     if not {"steering"} <= set(columns) <= set(meanings) or not {"image", "center"} & set(columns):
         raise UsageError(
             f"{table}: has the columns {', '.join(find_columns(table)[0]):.200}; name its columns, "
-            "'data.columns={image: NAME, steering: NAME}'; others are "
+            '"data.columns={image: NAME, steering: NAME}"; others are '
             f"{', '.join(sorted(set(meanings) - {'image', 'center', 'steering'}))}"
         )
     folder = Path(options.images).expanduser() if options.images else table.parent

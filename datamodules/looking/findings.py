@@ -82,7 +82,7 @@ def _no_recoveries(recording: Recording) -> Iterator[str]:
     if len(stretches.first) and count < RECOVERIES_PER_ROW * len(recording):
         yield (
             f"{count} stretches follow a pause and steer back to the middle: a network learns to "
-            "return only from side cameras (data.offset) and 'augment=[shift]'; record recoveries: "
+            'return only from side cameras (data.offset) and "augment=[shift]"; record recoveries: '
             "pause, drive off the middle, record while you return "
             "(or drivezoo simulator record noise=1 out=FOLDER)"
         )
@@ -92,7 +92,7 @@ def _centre_only(recording: Recording) -> Iterator[str]:
     if all(image is None for image in recording.images[:, 1:].flat):
         yield (
             "no side cameras: data.offset has no effect, and no image shows how to return to the "
-            "middle; set 'augment=[shift]', or record with three cameras"
+            'middle; set "augment=[shift]", or record with three cameras'
         )
 
 

@@ -40,7 +40,7 @@ CHALLENGES = "drivezoo.challenges"
 # if it has one, and how a user types a choice.
 LISTED = {
     "models": ("model", "model=NAME"),
-    "augmentations": ("augment", "'augment=[NAME,NAME]'"),
+    "augmentations": ("augment", '"augment=[NAME,NAME]"'),
     "losses": ("loss", "loss=NAME"),
     "optimizers": ("optim", "optim=NAME"),
     "schedules": ("schedule", "schedule=NAME"),

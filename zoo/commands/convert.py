@@ -34,7 +34,7 @@ def convert(
 
       drivezoo convert FOLDER to=lerobot out=NEW
       drivezoo convert TUB out=NEW
-      drivezoo convert FOLDER to=lerobot 'size=[96,96]' keep=1-900
+      drivezoo convert FOLDER to=lerobot "size=[96,96]" keep=1-900
 
     Args:
         source: folder or file of a recording, or address of shards.

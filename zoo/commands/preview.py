@@ -16,7 +16,7 @@ def preview(*overrides: str) -> None:
 
     Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
     outputs/preview/steering_histogram.png, the steering before and after balancing. Takes the keys
-    of training, such as data.root=FOLDER and 'augment=[brightness,shadow]': see drivezoo train
+    of training, such as data.root=FOLDER and "augment=[brightness,shadow]": see drivezoo train
     --help.
 
     Args:

@@ -77,7 +77,7 @@ def checked_scale(scale: object) -> tuple[float, float]:
             return divisor, shift
     raise ValueError(
         f"model.scale={scale!s:.100}: should be two finite numbers, the first not 0; set "
-        "'model.scale=[127.5,1]' for pixel / 127.5 - 1"
+        '"model.scale=[127.5,1]" for pixel / 127.5 - 1'
     )
 
 

@@ -35,7 +35,7 @@ class Tiny(OneFrame):
             )
         if columns < 4:
             raise ValueError(
-                f"Tiny needs 4 columns or more, not {columns}: set 'model.size=[rows, columns]'"
+                f'Tiny needs 4 columns or more, not {columns}: set "model.size=[rows,columns]"'
             )
         channels = max(1, round(2 * width))
         self.features = nn.Sequential(

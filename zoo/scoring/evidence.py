@@ -332,7 +332,7 @@ def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     faults = " ".join(f"{text.rstrip('.')}." for text in texts)
     if set(ROBUST) <= set(_augmentations(evidence)):
         return Cause(f"The recording: {faults} drivezoo check names what to record.")
-    remedy = f"'augment=[{','.join(ROBUST)}]' makes up for some of it."
+    remedy = f'"augment=[{",".join(ROBUST)}]" makes up for some of it.'
     return Cause(f"The recording: {faults} {remedy}", augment=ROBUST)
 
 

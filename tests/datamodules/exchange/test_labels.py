@@ -65,7 +65,7 @@ def test_a_clip_of_one_bend_is_no_other_unit(middle: float, tmp_path: Path) -> N
     with pytest.raises(InputError, match="on one side of 0") as caught:
         read_recordings(str(folder), format="table", columns=COLUMNS)
     assert "not share" not in str(caught.value)
-    match = re.search(r"name 'data\.steering=(\{[^}]*\})'", str(caught.value))
+    match = re.search(r'name "data\.steering=(\{[^}]*\})"', str(caught.value))
     recording = read_recordings(str(folder), format="table", columns=COLUMNS, steering=match[1])
     assert recording.steering == pytest.approx(middle + STEERING / 9)
 

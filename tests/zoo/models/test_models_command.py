@@ -78,7 +78,7 @@ def test_settings_reach_the_network(name: str) -> None:
         ("nvidia", "activation=tanh", "activation=.*elu, relu"),
         ("nvidia", "colour_depth=3", "colour_depth"),
         ("nvidia", "resize=cubic", "model.resize=cubic .*linear_first"),
-        ("nvidia", "scale=[0,1]", r"model.scale=.*set 'model.scale=\[127.5,1\]"),
+        ("nvidia", "scale=[0,1]", r'model.scale=.*set "model.scale=\[127.5,1\]"'),
         ("nvidia", "scale=255", "model.scale=255: .*two finite numbers"),
         ("nvidia", "scale=[true,1]", "model.scale="),
         ("nvidia", "_target_=os.system", "no network of zoo.models"),

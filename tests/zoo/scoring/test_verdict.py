@@ -209,7 +209,7 @@ def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
         ),
         (
             evidence({}, (), findings=[{"text": "84 % of steering is 0."}, {"text": "0 bends"}]),
-            "The recording: 84 % of steering is 0. 0 bends. 'augment=",
+            'The recording: 84 % of steering is 0. 0 bends. "augment=',
             "augment=[brightness,shadow,shift]",
         ),
         (evidence({"data": OF_MOUNTAIN}), "lake", "experiment=both_tracks"),

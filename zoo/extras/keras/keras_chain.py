@@ -141,8 +141,8 @@ class Chain:
         if word is None:
             raise InputError(
                 f"{label}: what it computes is not clear (its code holds {holds}, and is never "
-                "run); set 'scale=[divisor,subtracted]' if it computes pixel / divisor - "
-                f"subtracted, or 'lambdas=[WORD]' with one of {WORDS}"
+                'run); set "scale=[divisor,subtracted]" if it computes pixel / divisor - '
+                f'subtracted, or "lambdas=[WORD]" with one of {WORDS}'
             )
         specs = specs_of_word(word)
         if specs is None:

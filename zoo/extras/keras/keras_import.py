@@ -128,7 +128,7 @@ def _known(
         )
     if scale is None and not searches:
         raise InputError(
-            f"{model.path}: does not tell how its pixels are scaled; set 'scale=[127.5,1]' for "
+            f'{model.path}: does not tell how its pixels are scaled; set "scale=[127.5,1]" for '
             "x / 127.5 - 1, [255,0.5], [255,0] or [1,0], or recording=FOLDER to find it out"
         )
     facts = KnownInput(

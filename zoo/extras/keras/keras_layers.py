@@ -114,11 +114,11 @@ def convert(
             fix = "the file is damaged or of another model: save the model again"
             if error.follows_input:
                 size_text = by(shape[1:] if first else shape[:2])
-                fix = f"the images of its training were not {size_text}: set 'size=[rows,columns]'"
+                fix = f'the images of its training were not {size_text}: set "size=[rows,columns]"'
             if error.follows_input and chain.assumed:
                 fix = (
                     "an unclear Lambda was taken as the scale, and may do more: set "
-                    f"'lambdas=[WORD]' for {chain.assumed.rpartition(': ')[2]}, with one of {WORDS}"
+                    f'"lambdas=[WORD]" for {chain.assumed.rpartition(": ")[2]}, with one of {WORDS}'
                 )
             raise InputError(f"{model.path}: {chain.label(owner)}: {error}; {fix}") from None
     notes = _notes(model, chain, shapes, shape)
@@ -181,8 +181,8 @@ def _input_shape(
         rows, columns = size
     if None in (rows, columns) or type(channels) is not int:
         raise InputError(
-            f"{model.path}: has no size of its input; set 'size=[rows,columns]' of the images in "
-            "its training, such as 'size=[66,200]'"
+            f'{model.path}: has no size of its input; set "size=[rows,columns]" of the images in '
+            'its training, such as "size=[66,200]"'
         )
     if channels not in (1, 3):
         raise InputError(
@@ -232,8 +232,8 @@ def _output_specs(
     roles = ("steering", "throttle", "ignored")
     if len(names) != count or names.count("steering") != 1 or names.count("throttle") > 1:
         raise InputError(
-            f"{model.path}: has {count} outputs; name each, drivezoo import FILE 'outputs=["
-            f"{','.join((*roles[:2], *['ignored'] * count)[:count])}]', steering once"
+            f'{model.path}: has {count} outputs; name each, drivezoo import FILE "outputs=['
+            f'{",".join((*roles[:2], *["ignored"] * count)[:count])}]", steering once'
         )
     if set(names) - set(roles):
         raise InputError(f"{model.path}: outputs={names!s:.100}: known are {', '.join(roles)}")

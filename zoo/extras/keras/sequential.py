@@ -51,13 +51,13 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
     if network.input_shape != view.shape:
         raise InputError(
             f"{path}: its input is {rows} x {columns} x {channels}, the view gives "
-            f"{' x '.join(map(str, view.shape))}; set 'data.crop=[0,0]' "
-            f"'model.size=[{rows},{columns}]' model.colour={'gray' if channels == 1 else 'rgb'}, "
+            f'{" x ".join(map(str, view.shape))}; set "data.crop=[0,0]" '
+            f'"model.size=[{rows},{columns}]" model.colour={"gray" if channels == 1 else "rgb"}, '
             f"with the crop and the colour of its training, {remedy}"
         )
     if network.scale is None:
         raise InputError(
-            f"{path}: does not tell how it scales pixels; set 'model.scale=[127.5,1]' for "
+            f'{path}: does not tell how it scales pixels; set "model.scale=[127.5,1]" for '
             f"pixel / 127.5 - 1, or [1,0] for none, {remedy}"
         )
     return network.layers, list(network.scale)

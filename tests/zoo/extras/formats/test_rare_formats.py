@@ -166,7 +166,7 @@ def test_images_with_capital_suffixes_are_detected(tmp_path: Path) -> None:
 def test_images_that_deny_the_sign_stop_and_name_the_key(tmp_path: Path) -> None:
     folder = sullychen(tmp_path / "recording", right=-1.0)
     unit = "{unit: deg, full: 540.0, right: negative}"
-    with pytest.raises(InputError, match=rf"images deny .*'data\.steering={unit}'"):
+    with pytest.raises(InputError, match=rf'images deny .*"data\.steering={unit}"'):
         read(folder)
     assert read(folder, steering=unit).steering == pytest.approx(-STEERING, abs=1e-6)
 

@@ -273,7 +273,7 @@ def test_a_wrong_key_is_refused(
 )
 def test_an_unclear_scale_is_asked_for(before: list[Layer], lake: Written, tmp_path: Path) -> None:
     write_steering_h5(tmp_path / "old.h5", read_recordings(str(lake.folder)), VIEW, *before)
-    assert "set 'scale=[" in only_line(import_file(tmp_path, "old.h5"))
+    assert 'set "scale=[' in only_line(import_file(tmp_path, "old.h5"))
     assert import_file(tmp_path, "old.h5", "scale=[127.5,1]").returncode == 0
     keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]", "drive=false"]
     succeed(import_file(tmp_path, "old.h5", *keys, "frames=60", "overwrite=true"))

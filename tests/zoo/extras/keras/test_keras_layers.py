@@ -304,7 +304,7 @@ def test_an_unclear_lambda_is_asked_for_by_key(tmp_path: Path) -> None:
     model = read(tmp_path, [UNCLEAR, *REST])
     message = refusal(convert, model)
     assert f"{model.path}: layer 1 of 5, lambda_1 (Lambda)" in message
-    assert "set 'scale=[divisor,subtracted]'" in message
+    assert 'set "scale=[divisor,subtracted]"' in message
     assert "lambdas=[WORD]" in message
     converted = convert(model, scale=[255, 0.5])
     assert converted.scale == (255, 0.5)
@@ -395,7 +395,7 @@ def test_rows_of_an_index_are_a_crop_of_the_input(tmp_path: Path) -> None:
 
 def test_an_unclear_lambda_that_does_more_than_scale_is_named(tmp_path: Path) -> None:
     model = read(tmp_path, [UNCLEAR, *REST], shape=(40, 60, 3))
-    with pytest.raises(InputError, match=r"Lambda.*lambdas=\[WORD\]' for layer 1 of 5, lambda_1"):
+    with pytest.raises(InputError, match=r'Lambda.*lambdas=\[WORD\]" for layer 1 of 5, lambda_1'):
         convert(model, scale=[255, 0.5])
 
 
@@ -446,7 +446,7 @@ def test_an_input_without_a_size_is_asked_for(tmp_path: Path) -> None:
 def test_two_outputs_are_asked_for(tmp_path: Path) -> None:
     layers = [SCALE, *REST[:3], ("Dense", {"units": 2}, W((504, 2), (2,)))]
     model = read(tmp_path, layers)
-    assert "drivezoo import FILE 'outputs=[steering,throttle]'" in refusal(convert, model)
+    assert 'drivezoo import FILE "outputs=[steering,throttle]"' in refusal(convert, model)
     wanted = expected(layers[1:])
     both = convert(model, outputs=["throttle", "steering"])
     np.testing.assert_allclose(predict(both), wanted[:, ::-1], atol=1e-5)
