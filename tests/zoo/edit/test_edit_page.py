@@ -258,6 +258,7 @@ def drag(browser: Browser, selector: str, first: float, last: float) -> None:
 
 @needs_chromium
 def test_a_user_cleans_a_recording(served: ServedPage, tmp_path: Path) -> None:
+    served.page.recording.steering[:] = 0
     wait_for_analysis(served)
     with Browser(tmp_path / "profile", 1400, 900) as browser:
         browser.open(served.url)
@@ -284,6 +285,9 @@ def test_a_user_cleans_a_recording(served: ServedPage, tmp_path: Path) -> None:
         check_narrow(browser)
         check_typed_row(browser)
         check_playback(browser, served)
+        noted = "fillText = (text) => (document.title += text)"
+        browser.value(f"CanvasRenderingContext2D.prototype.{noted}, onresize()")
+        browser.wait_for("/[+]0.[68] right/.test(document.title)")  # to hold the network's curve
         assert browser.errors == []
     assert 80 < len(read_recordings(str(tmp_path / "lap_edited"))) < 100
 

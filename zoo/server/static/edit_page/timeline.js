@@ -146,7 +146,7 @@ export class Timeline {
     const [first, end] = this.view;
     const lane = TOP + (height - TOP) * LANE;
     const middle = (TOP + lane) / 2;
-    const range = niceRange(greatest(steering, first, end));
+    const range = niceRange(Math.max(...[steering, predicted ?? []].map((values) => greatest(values, first, end))));
     const clipped = (value) => Math.max(Math.min(value, range), -range);
     const steeringY = (value) => middle - (clipped(value) / range) * (lane - TOP - 10) / 2; // + is up
     const fastest = Math.max(Math.ceil(greatest(speed, 0, rows) / 10) * 10, 10);
@@ -166,8 +166,10 @@ export class Timeline {
     this.drawSplits(pen, x, height);
     const labels = [[`+${range} right`, steeringY(range) + 10], [`−${range} left`, steeringY(-range) - 2], [`${fastest} mph`, lane + 17]];
     pen.fillStyle = colour("--soft");
+    pen.strokeStyle = colour("--panel"); // an outline, on which a curve does not hide a label
+    pen.lineWidth = 4;
     pen.font = font();
-    for (const [text, y] of labels) pen.fillText(text, 8, y);
+    for (const [text, y] of labels) for (const draw of ["strokeText", "fillText"]) pen[draw](text, 8, y);
     pen.textAlign = "right";
     pen.fillText(`rows ${Math.floor(first) + 1} to ${Math.min(Math.ceil(end), rows)}`, width - 8, lane + 17);
   }
