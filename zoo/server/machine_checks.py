@@ -84,7 +84,7 @@ def check_python() -> Iterator[Finding]:
             FAULT,
             "Python",
             f"{version} at {sys.executable}; drivezoo supports {range_}",
-            f"python{_dotted(NEWEST)} -m venv .venv && .venv/bin/pip install -e .",
+            "install such a Python, and a new environment as docs/quickstart.md says",
         )
 
 
@@ -169,7 +169,7 @@ def check_device() -> Iterator[Finding]:
     setting = f"OMP_NUM_THREADS is {os.environ.get('OMP_NUM_THREADS') or 'not set'}"
     result = f"{counted(threads, 'thread')} on {counted(cores, 'core')}, {setting}"
     if threads > cores:
-        fix = f"export OMP_NUM_THREADS={cores}: more threads than cores slow each other down"
+        fix = f"set the variable OMP_NUM_THREADS to {cores}: more threads slow each other down"
         yield Finding(WARNING, "CPU", result, fix)
     else:
         yield Finding(OK, "CPU", result)
@@ -247,10 +247,8 @@ def check_port(port: int) -> Iterator[Finding]:
             elif error.errno == errno.EADDRINUSE:
                 holder = port_holder(port) or "another user's process"
                 fix = "end that process, or drive with port=4568"
-                state = (
-                    WARNING if "zoo.commands.drive" in holder else FAULT
-                )  # a driver of this user
-                yield Finding(state, what, f"used by {holder}", fix)
+                is_driver = re.search(r"zoo\S*[. ]drive\b", holder)  # of this user
+                yield Finding(WARNING if is_driver else FAULT, what, f"used by {holder}", fix)
             else:
                 raise
             return

@@ -93,6 +93,14 @@ def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
     assert result.stdout.splitlines()[-1].startswith("faults: 3, warnings: 0,")
 
 
+@pytest.mark.parametrize("program", ["drivezoo ", "-m zoo.commands.", r"C:\env\drivezoo.exe "])
+def test_a_driver_that_holds_the_port_is_no_fault(program: str, monkeypatch) -> None:
+    monkeypatch.setattr("zoo.base.machine.port_holder", lambda _: f"python {program}drive lenet")
+    with socket.create_server(("127.0.0.1", 0)) as driver:
+        (finding,) = machine.check_port(driver.getsockname()[1])
+    assert finding.state == WARNING
+
+
 @pytest.mark.parametrize(
     ("name", "version", "words", "fix"),
     [
