@@ -211,7 +211,7 @@ class Figure:
 def ranked_figures(entries: Sequence[Entry]) -> list[Figure]:
     """Return the figures that at least one entry has, the most important first."""
     tracks = list(dict.fromkeys(name for entry in entries for name in entry.first.tracks))
-    labels = {track: Path(track).stem if "/" in track else track for track in tracks}
+    labels = {track: Path(track).stem if Path(track).name != track else track for track in tracks}
     first, *others = leaderboard_metrics()
 
     def figure(heading: str, key: str, form: str, less: bool = False) -> Figure:

@@ -146,7 +146,7 @@ def _read(folder: Path, load: Callable[[Path], Scored | Unranked]) -> Scored | U
     try:
         return load(folder)
     except InputError as error:
-        return Unranked(folder, "damaged", str(error).removeprefix(f"{folder}/"))
+        return Unranked(folder, "damaged", str(error).removeprefix(str(folder)).lstrip("/\\"))
 
 
 def _ranked_run(folder: Path) -> Scored | Unranked:

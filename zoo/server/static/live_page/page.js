@@ -198,7 +198,7 @@ function press(id, pressed) {
 
 function shortName(path) {
   // Keep the run's folder, since all checkpoints are called best or last.
-  const parts = path.split("/").filter((part) => part !== "checkpoints" && part !== "outputs");
+  const parts = path.split(/[\\/]/).filter((part) => part !== "checkpoints" && part !== "outputs");
   return parts.slice(-3).join(" / ") || "no checkpoint";
 }
 
