@@ -129,6 +129,8 @@ class SteeringModule(RunModule):
             for count in (epochs["current"], epochs["total"]):
                 count["processed"] = count["completed"] = count["started"] - left
             self.train_epochs -= left
+        # A schedule that counts the steps lets Lightning ask for batches before it restores this.
+        self.trainer.fit_loop.load_state_dict(loop)
 
     def on_train_start(self) -> None:
         """Start the clock: an epoch that is resumed inside has no start."""
@@ -181,9 +183,8 @@ class SteeringModule(RunModule):
         if self.trainer.is_last_batch:
             self._step.is_finite()  # waits for the steps that a GPU has not yet taken
         # From the end of a step to the end of the next: validation and plots do not count.
-        now = time.perf_counter()
-        self.train_seconds += now - self._clock
-        self._clock = now
+        before, self._clock = self._clock, time.perf_counter()
+        self.train_seconds += self._clock - before
 
     def on_validation_start(self) -> None:
         """Check that the loss and the weights are finite."""
@@ -192,17 +193,19 @@ class SteeringModule(RunModule):
             self._check_finite(weights=True)
 
     def on_train_epoch_end(self) -> None:
-        """Check that all is finite, log the mean loss, and step a schedule by `val/mse`."""
+        """Check that all is finite, log the mean loss, and step a schedule by a figure."""
         self._check_finite(weights=True)
         self.train_epochs += 1
         self.log("train/loss", self.mean_loss(), sync_dist=True)
         # Lightning would step after the checkpoint of the epoch: a resumed run would lose the step.
-        every = self.trainer.check_val_every_n_epoch or 1
-        mse = self.trainer.callback_metrics.get("val/mse")
-        is_due = mse is not None and self.trainer.is_last_batch
         for config in self.trainer.lr_scheduler_configs:
-            if config.frequency == NEVER and is_due and (self.current_epoch + 1) % every == 0:
-                self.lr_scheduler_step(config.scheduler, mse)
+            figure = self.trainer.callback_metrics.get(config.monitor or "")
+            is_late = config.reduce_on_plateau and config.interval == "epoch"
+            if is_late and figure is not None and self.trainer.is_last_batch:
+                every = config.frequency % NEVER or self.trainer.check_val_every_n_epoch or 1
+                config.frequency = NEVER + every
+                if (self.current_epoch + 1) % every == 0:
+                    self.lr_scheduler_step(config.scheduler, figure)
 
     def mean_loss(self) -> float:
         """Return the mean loss of the epoch so far, over all processes' samples."""
@@ -251,9 +254,7 @@ class SteeringModule(RunModule):
         # Processes on other machines may sum in another order; decisions by these figures must be
         # the same everywhere.
         metrics = self.trainer.strategy.broadcast(open_loop_metrics(predicted, true))
-        self.log_dict(
-            {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
-        )
+        self.log_dict({f"val/{name}": value for name, value in metrics.items()})
 
     def configure_optimizers(self) -> "OptimizerLRScheduler":
         """Return the optimizer and its scheduler, as Lightning expects them."""

@@ -23,6 +23,7 @@ from zoo.results.scored import read_scored
 from zoo.runs.run_record import Run
 from zoo.runs.status import read_status, write_status
 from zoo.scoring.evidence import training_command
+from zoo.training.steering_module import SteeringModule
 
 INTERRUPT = "tests.zoo.spoil.Interrupt"
 Train = Callable[..., str]  # of the fixture
@@ -380,16 +381,29 @@ def test_a_finished_run_without_its_last_checkpoint_does_not_begin_again(
     assert "model.weights=run/checkpoints/best.ckpt" in line
 
 
+class Planned(SteeringModule):
+    """A module with a schedule of the user's, which counts the steps and follows a figure."""
+
+    def make_schedule(self, optimizer: torch.optim.Optimizer) -> dict:
+        assert self.trainer.estimated_stepping_batches > 0
+        schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, patience=0)
+        return {"scheduler": schedule, "monitor": "train/loss"}
+
+
+PLANNED = f"{__name__}.Planned"
+
+
+@pytest.mark.parametrize("more", ["", f"module._target_={PLANNED}"])
 def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
-    train: Train, zoo: Zoo, tmp_path: Path, capfd: pytest.CaptureFixture
+    more: str, train: Train, zoo: Zoo, tmp_path: Path, capfd: pytest.CaptureFixture
 ) -> None:
     # The error rises, so that the best epoch is the first, before the move.
     for folder, epochs in (("whole", 4), ("old", 2)):
         keys = (f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}")
-        train("+optim.maximize=true", *keys)
+        train("+optim.maximize=true", *keys, *more.split())
     shutil.move(tmp_path / "old", tmp_path / "new")
     capfd.readouterr()
-    succeed(zoo("resume=new", "trainer.max_epochs=4"))
+    succeed(zoo("resume=new", "trainer.max_epochs=4", f"trust={PLANNED}"))
     assert capfd.readouterr().err == ""
     assert metrics(tmp_path / "whole")["best_epoch"] == 1, "the setting shows nothing"
     assert metrics(tmp_path / "new")["best_epoch"] == 1
