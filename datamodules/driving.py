@@ -158,20 +158,18 @@ class DrivingData(RunData):
             features: features fed in place of images (`datamodules.features`).
         """
         return replace(
-            self,
-            batch_device=batch_device,
-            batches_per_step=batches_per_step,
-            features=features,
+            self, batch_device=batch_device, batches_per_step=batches_per_step, features=features
         )
 
     def train_dataloader(self) -> DataLoader:
         """Return this rank's training batches."""
         keys: Any = self.sampler(*self._rank())
         if self.trainer is not None:  # a resumed run's first batch comes before Lightning's epoch
-            keys.set_epoch(self.trainer.current_epoch)
-            steps = self.trainer.fit_loop.epoch_loop.batch_progress.current.ready
-            done = steps * self.batches_per_step
-            keys.start = done if done < len(keys) else 0
+            loop: Any = self.trainer.fit_loop
+            epochs, batches_done = loop.epoch_progress.current, loop.epoch_loop.batch_progress
+            keys.set_epoch(epochs.processed)  # Lightning counts it as completed only later
+            if epochs.started > epochs.processed and not batches_done.is_last_batch:
+                keys.start = batches_done.current.ready * self.batches_per_step
             keys.fetch_ahead = self.views.fetch_ahead if self.views.shards else None
         training, workers = self.training_batches(), self.options.workers
         batches: Dataset = training

@@ -385,7 +385,7 @@ class Planned(SteeringModule):
     """A module with a schedule of the user's, which counts the steps and follows a figure."""
 
     def make_schedule(self, optimizer: torch.optim.Optimizer) -> dict:
-        assert self.trainer.estimated_stepping_batches > 0
+        assert self.trainer.estimated_stepping_batches % 9 == 0
         schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, patience=0)
         return {"scheduler": schedule, "monitor": "train/loss"}
 
@@ -393,10 +393,17 @@ class Planned(SteeringModule):
 PLANNED = f"{__name__}.Planned"
 
 
-@pytest.mark.parametrize("more", ["", f"module._target_={PLANNED}"])
+@pytest.mark.parametrize("more", ["", f"module._target_={PLANNED} +trainer.limit_train_batches=9"])
 def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
-    more: str, train: Train, zoo: Zoo, tmp_path: Path, capfd: pytest.CaptureFixture
+    more: str,
+    train: Train,
+    zoo: Zoo,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    batches = BalancedBatches.__iter__  # all drawn at the start, as for data.workers
+    monkeypatch.setattr(BalancedBatches, "__iter__", lambda keys: iter([*batches(keys)]))
     # The error rises, so that the best epoch is the first, before the move.
     for folder, epochs in (("whole", 4), ("old", 2)):
         keys = (f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}")
