@@ -40,7 +40,7 @@ def keep_freed_memory() -> bool:
     glibc returns large blocks to the kernel, which clears each page when the next step allocates
     them again: up to 14,000 page faults in a step, a fifth of its time.
     """
-    if platform.libc_ver()[0] != "glibc":
+    if os.name == "nt" or platform.libc_ver()[0] != "glibc":  # which opens python.exe
         return False
     mallopt = ctypes.CDLL(None).mallopt
     kept = mallopt(_M_MMAP_THRESHOLD, _LARGEST_HEAP_BLOCK)

@@ -4,11 +4,12 @@ import os
 import platform
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from tests.zoo.command_runs import ROOT, run_words, succeed
-from zoo.training.host_settings import SPINS, limit_spinning, multiplies_bf16
+from zoo.training.host_settings import SPINS, keep_freed_memory, limit_spinning, multiplies_bf16
 
 # Takes and gives back the blocks of a training step, and says how often the kernel had to help.
 STEPS = """
@@ -31,6 +32,12 @@ def test_freed_memory_is_kept() -> None:
     words = (sys.executable, "-c", STEPS)
     faults = [int(succeed(run_words(ROOT, *words, *more))) for more in (["keep"], [])]
     assert faults[0] < 0.1 * faults[1]
+
+
+def test_the_python_of_windows_store_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoo.training.host_settings.os.name", "nt")
+    monkeypatch.setattr("platform.libc_ver", Mock(side_effect=OSError))
+    assert not keep_freed_memory()
 
 
 @pytest.mark.parametrize(
