@@ -31,14 +31,15 @@ from zoo.results import ranking as of
 from zoo.results.benchmarked import INTERVALS, SHORT, figure_columns
 from zoo.results.checked_result import files_beside
 from zoo.results.differences import Comparison, Entry
+from zoo.results.marks import verify_words
 from zoo.results.ranking_page import Ranking
 from zoo.results.result import NAME, SCORES, code_name
 from zoo.results.scored import BENCHMARK
-from zoo.results.suite import Road, find_suite, suite_names
+from zoo.results.suite import DEV, Road, find_suite, suite_names
 from zoo.results.summary import FIGURES, complement, overall
 from zoo.runs.code_fingerprint import code_fingerprint, package_versions
 from zoo.runs.plots import interval_panels
-from zoo.runs.result_table import Column, Table, interval_column, number_column
+from zoo.runs.result_table import Cell, Column, Table, interval_column, number_column
 from zoo.runs.run_record import Run
 from zoo.runs.table_files import write_plot, write_table
 
@@ -72,17 +73,17 @@ class Paper:
         rows: a row of facts for each training or checkpoint.
         versions: versions of packages of each training.
         files: contents by name in the archive.
-        repeats: by folder in the archive, the command that repeats what it has.
+        repeats: commands that repeat what the archive has.
         notes: what could not be written.
     """
 
     tables: dict[str, Table] = field(default_factory=dict)
     plots: dict[str, Figure] = field(default_factory=dict)
     commands: dict[str, list[str]] = field(default_factory=dict)
-    rows: list[dict[str, str]] = field(default_factory=list)
+    rows: list[dict[str, Cell]] = field(default_factory=list)
     versions: list[Mapping[str, str]] = field(default_factory=list)
     files: dict[str, bytes] = field(default_factory=dict)
-    repeats: dict[str, str] = field(default_factory=dict)
+    repeats: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def add_file(self, name: str, path: Path, most_bytes: int = MOST_BYTES) -> None:
@@ -98,7 +99,7 @@ class Paper:
         """Add the files of a training; return its command."""
         for file in OF_RUN:
             self.add_file(f"runs/{name}/{file}", run.folder / file)
-        self.repeats[f"runs/{name}"] = "rerun"
+        self.repeats.append(f"drivezoo rerun runs/{name}")
         self.versions.append(run.metrics.get("versions") or {})
         return command_line(["drivezoo", "train", *run.overrides])
 
@@ -206,9 +207,8 @@ def of_runs(ranking: Ranking) -> Paper:
                 inside = f"runs/{label}/{CHECKPOINTS}/{run.checkpoint_path.name}"
                 paper.add_file(inside, run.checkpoint_path, MOST_CHECKPOINT_BYTES)
             code = code_name(run.metrics.get("code") or {})
-            data = scored.trained_on.name
-            facts = {"run": label, "seed": str(scored.seed), "data": data, "code": code}
-            paper.rows.append({"entry": name, **facts})
+            facts = {"seed": scored.seed, "data": scored.trained_on.name, "code": code}
+            paper.rows.append({"entry": name, "run": label, **facts})
         words = [*(str(run.folder) for run in entry.runs), f"out=marks/{index}"]
         paper.notes.append(command_line(["drivezoo", "benchmark", *words, f"entry=entry_{index}"]))
     paper.notes.append("drivezoo leaderboard marks paper=FOLDER")
@@ -318,23 +318,24 @@ def _add_entry(paper: Paper, name: str, position: str, entry: Entry) -> None:
         elif digits and (text := paper.files.get(f"{inside}/{COMMAND}")):
             command = text.decode(errors="replace").strip()
             commands.append(f"{command} seed={driver.training_seed}")
-        facts = {"seed": driver.training_seed, "network": driver.model, "checkpoint": digits}
-        facts |= {"data": driver.data, "code": code_name(result.code), "drives": result.digest}
-        paper.rows.append({"entry": name} | {key: str(fact or "-") for key, fact in facts.items()})
-    if missing:
-        lost = ", ".join(missing)
-        paper.notes.append(f"not in {ARCHIVE}, since no such file of {name} is there: {lost}")
-    else:
-        paper.repeats[inside] = "benchmark verify"
+        facts = {"network": driver.model, "checkpoint": digits or None, "data": driver.data or None}
+        facts |= {"code": code_name(result.code), "drives": result.digest}
+        paper.rows.append({"entry": name, "seed": driver.training_seed, **facts})
     try:
         suite, split = find_suite(result.suite, suite_names()[0])
     except InputError:
-        suite, split = f"{result.suite}.yaml", "test"
+        own = result.suite.removesuffix(f"-{DEV}")
+        suite, split = f"{own}.yaml", "test" if own == result.suite else DEV
         line = f"not in {ARCHIVE}: the file of your suite {result.suite}; publish it, too"
         paper.notes += [line] if line not in paper.notes else []
     words = ["drivezoo", "benchmark", *checkpoints, f"suite={suite}"]
-    words += ["split=dev"] if split == "dev" else []
+    words += [f"split={DEV}"] if split == DEV else []
     commands.append(command_line([*words, f"entry={result.entry}"]))
+    if missing:
+        line = f"not in {ARCHIVE}, since no such file of {name} is there: {', '.join(missing)}"
+        paper.notes.append(line)
+    else:
+        paper.repeats.append(command_line(["drivezoo", *verify_words(Path(inside), suite)]))
 
 
 def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:
@@ -357,8 +358,7 @@ def _appendix(paper: Paper, command: str, missing: Sequence[str]) -> str:
     lines += ["## What is missing", "", gaps]
     lines += ["", "## Repeat it", "", f"Unpack {ARCHIVE}, and type there:", ""]
     again = [f"drivezoo leaderboard {next(iter(paper.files)).split('/')[0]} paper=again"]
-    again += [f"drivezoo {command} {folder}" for folder, command in paper.repeats.items()]
-    return "\n".join([*lines, markdown_code("\n".join(again)), ""])
+    return "\n".join([*lines, markdown_code("\n".join([*again, *paper.repeats])), ""])
 
 
 def _archive(files: Mapping[str, bytes]) -> bytes:

@@ -80,18 +80,22 @@ def test_results_give_tables_plots_and_a_complete_archive(monkeypatch: pytest.Mo
     assert Path("paper/pairs.tex").read_text() == Path("../paper/pairs.tex").read_text()
 
 
-def test_checkpoints_beside_a_result_are_in_the_archive() -> None:
+@pytest.mark.parametrize("split", ["", " split=dev"])
+def test_checkpoints_beside_a_result_are_in_the_archive(split: str) -> None:
     checkpoint = Path("1.ckpt")
     checkpoint.write_bytes(b"weights")
     write_entry("good", 0.9, seeds=1, checkpoint=checkpoint)
     checkpoint.rename("marks/good/1.ckpt")
+    path = Path("marks/good/result.json")
+    path.write_text(path.read_text().replace('"own"', '"own-dev"' if split else '"own"'))
     shown = leaderboard("marks", paper="paper")
     assert not any("not in repeat.zip, since" in line for line in shown.notes)
     names = zipfile.ZipFile("paper/repeat.zip").namelist()
     assert f"results/1_good/{hashlib.sha256(b'weights').hexdigest()[:16]}.ckpt" in names
     text = Path("paper/appendix.md").read_text()
-    assert "drivezoo benchmark marks/good/1.ckpt suite=" in text
-    assert "drivezoo benchmark verify results/1_good" in text
+    assert f"drivezoo benchmark marks/good/1.ckpt suite=own.yaml{split} entry=good" in text
+    assert "drivezoo benchmark verify results/1_good suite=own.yaml" in text
+    assert "| good | 0 |" in text
 
 
 def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
