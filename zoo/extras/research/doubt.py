@@ -78,7 +78,6 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
     """Return a row for each checkpoint: its file, its network, and the view that it sees."""
     members = policy.members
     names, files = [short_name(path) for path in paths], [str(path) for path in paths]
-    counts = [member.parameters for member in members]
     views = {
         "width": [member.view.shape[1] for member in members],
         "height": [member.view.shape[0] for member in members],
@@ -88,7 +87,7 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
     columns = [
         Column("checkpoint", "checkpoint", names, {"checkpoint": files}),
         Column("network", "network", [member.name for member in members]),
-        number_column("parameters", "parameters", counts, "{:,}"),
+        number_column("parameters", "parameters", [m.parameters for m in members], "{:,}"),
         Column("sees", "sees", sees, views),
     ]
     return Table(columns, f"Networks of {policy.name}")

@@ -64,11 +64,13 @@ def compare(
         UsageError: there is no such column or score, or the names do not fit.
     """
     path, paths = Path(out).expanduser(), [Path(each).expanduser() for each in (file, *files)]
-    check_output(path, inputs=paths)
-    from zoo.extras.research.referee import COLUMNS, Referee  # slow imports: SciPy, Matplotlib
-    from zoo.extras.research.rollouts import Wanted
+    from zoo.extras.research.rollouts import Wanted, rollouts_path
 
-    write.check_files(COLUMNS, paths)
+    read = list(map(rollouts_path, paths))  # a folder may have other files, such as compare.json
+    check_output(path, inputs=read)
+    from zoo.extras.research.referee import COLUMNS, Referee  # slow imports: SciPy, Matplotlib
+
+    write.check_files(COLUMNS, read)
     typed = {"policy": policy, "scene": scene, "seed": seed, "training": training}
     wanted = Wanted(score or "", {key: name for key, name in typed.items() if name is not None})
     named = [name.strip() for name in names.split(",")] if names else ()

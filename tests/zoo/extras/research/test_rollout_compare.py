@@ -95,6 +95,11 @@ def test_lerobots_file_tells_no_seeds(tmp_path: Path, won: np.ndarray) -> None:
     files = [lerobot(tmp_path / name / "eval_info.json", [*won[n]]) for n, name in enumerate("ab")]
     result = drivezoo.compare(*(file.parent for file in files), out=tmp_path / "out.json")
     assert any(line.startswith("seeds: none in") for line in result.lines)
+    out = {"out": files[0].parent / "compare.json", "table": files[1].parent / "table.csv"}
+    for again in (False, True):  # in the folders that it reads
+        drivezoo.compare(*(file.parent for file in files), **out, overwrite=again)
+    with pytest.raises(InputError, match="is an input of this command"):
+        drivezoo.compare(files[0].parent, files[1], out=files[0], overwrite=True)
     pairs = drivezoo.compare(*files, same_seeds=True, out=tmp_path / "pairs.json")
     assert not any(line.startswith("seeds:") for line in pairs.lines)
     reward = drivezoo.compare(*files, score="sum_reward", out=tmp_path / "reward.json")
