@@ -172,12 +172,7 @@ class DataSettings(BatchOptions):
             return recording, views
         lines = tuple(f"{recording.place(row)}: {faults[row]}" for row in sorted(faults))
         good = ~np.isin(np.arange(len(recording)), list(faults))
-        if self.on_bad_image == "fail" or not good.any():
-            skip = ", or set data.on_bad_image=skip" if good.any() else ""
-            raise InputError(
-                f"{lines[0]} ({len(lines)} of {len(recording)} rows have a bad image); "
-                f"record or copy it again{skip}"
-            )
+        self.check_images(lines, len(recording))
         return recording.keep(good, lines), views.keep(good)
 
 

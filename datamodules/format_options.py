@@ -1,6 +1,6 @@
 """What a user says about a recording to read or to write, and what a writer returns."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 from pydantic import Field
 
 from datamodules.steering_unit import SteeringUnit, keys_and_values, read_unit
-from zoo.base.errors import UsageError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.key_values import convert
 from zoo.base.rig import MPS_PER_MPH
 from zoo.base.terminal import counted
@@ -77,6 +77,20 @@ class ReadOptions:
                 f"numbers are 1..{roots}"
             )
         return options
+
+    def check_images(self, faults: Sequence[str], rows: int) -> None:
+        """Raise InputError for bad images, unless `on_bad_image` skips them and rows are left.
+
+        Args:
+            faults: a line on each row with a bad image.
+            rows: number of rows, with these.
+        """
+        if faults and (self.on_bad_image == "fail" or len(faults) == rows):
+            skip = ", or set data.on_bad_image=skip" if len(faults) < rows else ""
+            raise InputError(
+                f"{faults[0]} ({len(faults):,} of {rows:,} rows have a bad image); copy or record "
+                f"the images again{skip}"
+            )
 
     def given(self) -> dict[str, Any]:
         """Return the values that differ from the defaults, by key."""

@@ -213,7 +213,7 @@ def convert_to_recording(
     source: Path, out: Path, options: ReadOptions | None = None, **how: object
 ) -> Converted:
     """Write a folder of any format as a log."""
-    _, recording = read_recording(source, options or ReadOptions())
+    _, recording = read_recording(source, options or ReadOptions(on_bad_image="skip"))
     return write_as("udacity", recording, out, **how)
 
 

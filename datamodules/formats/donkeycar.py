@@ -78,8 +78,8 @@ def detect(path: Path) -> bool:
 def read(path: Path, options: ReadOptions) -> Recording:
     """Return a tub's records.
 
-    Records that the tub marks as deleted, that an autopilot drove, or whose image is damaged are
-    left out. The angle becomes the steering. A throttle below 0 stays; the brake is 0.
+    Records that the tub marks as deleted, or that an autopilot drove, are left out. The angle
+    becomes the steering. A throttle below 0 stays; the brake is 0.
 
     Raises:
         InputError: a file is missing or damaged, a value is wrong, or nothing is left.
@@ -111,15 +111,14 @@ def read(path: Path, options: ReadOptions) -> Recording:
         else:
             for name, value in (record | {"line": index}).items():
                 columns.setdefault(name, []).append(value)
+    options.check_images(bad_images, len(bad_images) + len(columns.get("line", [])))
     if not columns:
         bad.finish(0)
         causes = {"deleted": deleted, "driven by an autopilot": piloted}
-        causes |= {f"with a bad image ({bad_images[0]})": len(bad_images)} if bad_images else {}
         left_out = ", ".join(f"{count:,} {cause}" for cause, count in causes.items() if count)
         what = f"no record is left: {left_out}" if left_out else "the tub has no records"
-        remedy = "correct the images" if bad_images else "record a drive by hand"
-        if others := find_below(path)[:SUGGESTED]:
-            remedy = f"name {' or '.join(map(str, others))}"
+        others = " or ".join(map(str, find_below(path)[:SUGGESTED]))
+        remedy = f"name {others}" if others else "record a drive by hand"
         raise InputError(f"{path}: {what}; {remedy}")
     columns["time_s"] = in_seconds(columns["time_s"], most=1e3)
     numbers = {name: np.array(columns[name], float) for name in TIMED_LABELS}

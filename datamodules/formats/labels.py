@@ -217,12 +217,7 @@ def _with_images(recording: Recording, options: ReadOptions) -> Recording:
     missing = [
         f"{recording.place(row)}: no centre image" for row in np.flatnonzero(~has_image).tolist()
     ]
-    if missing and (options.on_bad_image == "fail" or len(missing) == len(recording)):
-        skip = ", or set data.on_bad_image=skip" if len(missing) < len(recording) else ""
-        raise InputError(
-            f"{missing[0]} ({len(missing):,} of {len(recording):,} rows lack one); copy the images "
-            f"there{skip}"
-        )
+    options.check_images(missing, len(recording))
     return recording.keep(has_image, tuple(missing))
 
 

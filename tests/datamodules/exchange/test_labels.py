@@ -100,7 +100,7 @@ def test_skipping_bad_images_is_offered_if_others_are_left(tmp_path: Path) -> No
     how = {"format": "table", "columns": COLUMNS, "steering": {"unit": "share"}}
     for row in range(30, ROWS):
         (folder / f"pics/{row}.png").unlink()
-    lacking = r"row 32: no centre image .*copy the images there.*on_bad_image=skip"
+    lacking = r"row 32: no centre image .*the images again.*on_bad_image=skip"
     with pytest.raises(InputError, match=lacking):
         read_recordings(str(folder), **how)
     recording = read_recordings(str(folder), **how, on_bad_image="skip")
@@ -108,7 +108,7 @@ def test_skipping_bad_images_is_offered_if_others_are_left(tmp_path: Path) -> No
     assert "row 32" in recording.bad_images[0]
     shutil.rmtree(folder / "pics")
     for choice in ("fail", "skip"):
-        with pytest.raises(InputError, match="copy the images there") as caught:
+        with pytest.raises(InputError, match="the images again") as caught:
             read_recordings(str(folder), **how, on_bad_image=choice)
         assert not re.search("on_bad_image|images=", str(caught.value))
 
