@@ -68,7 +68,7 @@ def whole_rows(recording: Recording, cameras: int = len(CAMERAS)) -> tuple[Recor
 def chosen_recording(
     recording: Recording, options: WriteOptions
 ) -> tuple[Recording, tuple[str, ...]]:
-    """Return the rows of `keep` with images of `size`, padded for `fit`, and a line on each change.
+    """Return the rows of `keep` padded for `fit`, then of `size`, and a line on each change.
 
     Raises:
         InputError: no row has whole images.
@@ -89,8 +89,9 @@ def chosen_recording(
                 images[place] = StoredImage(file, number, partial(_changed, image, options))
         # The camera of images in another shape is another one.
         recording = replace(recording, images=images, rig=None, rigs=())
-        how = "padded" if options.size is None else "resized to {1} x {0}".format(*options.size)
-        notes.append(f"images {how}: the car's rig is not written")
+        how = ["padded"] * (options.fit == "pad")
+        how += ["resized to {1} x {0}".format(*options.size)] if options.size else []
+        notes.append(f"images {' and '.join(how)}: the car's rig is not written")
     if np.isnan(recording.time_s).any():
         notes.append("times are missing: the copy's are made up, evenly spaced in the rows' order")
     return recording, tuple(notes)
@@ -195,6 +196,7 @@ def pad_to_two_by_one(image: np.ndarray) -> np.ndarray:
 
 def _changed(image: AnyImage, options: WriteOptions, *_: object) -> np.ndarray:
     pixels = read_image(image)
-    if options.size:
-        pixels = cv2.resize(pixels, options.size[::-1], interpolation=cv2.INTER_AREA)
-    return pad_to_two_by_one(pixels) if options.fit == "pad" else pixels
+    if options.fit == "pad":
+        pixels = pad_to_two_by_one(pixels)
+    size = options.size or pixels.shape[:2]
+    return cv2.resize(pixels, size[::-1], interpolation=cv2.INTER_AREA)

@@ -154,8 +154,12 @@ def test_what_is_no_image_is_left_out_and_counted(tmp_path: Path) -> None:
         read_recordings(str(tub))
 
 
-@pytest.mark.parametrize("to", ["udacity", "donkeycar"])
-def test_padding_keeps_the_shape_of_an_odd_size(to: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("to", "size"), [("udacity", None), ("donkeycar", None), ("udacity", (60, 120))]
+)
+def test_padding_keeps_the_shape_of_an_odd_size(
+    to: str, size: tuple[int, int] | None, tmp_path: Path
+) -> None:
     tub = write_tub(tmp_path / "tub", [record(0), record(9)])
     cv2.imwrite(str(tub / "images" / "9_cam_image_array_.jpg"), np.full((120, 160, 3), 180))
     convert_to_recording(tub, tmp_path / "kept")
@@ -164,13 +168,14 @@ def test_padding_keeps_the_shape_of_an_odd_size(to: str, tmp_path: Path) -> None
         to=to,
         out=tmp_path / "padded",
         fit="pad",
+        size=size,
     )
     odd, padded = (read_recordings(str(tmp_path / fit)).images[1, 0] for fit in ("kept", "padded"))
     assert cv2.imread(odd).shape == (120, 160, 3)
-    assert cv2.imread(padded).shape == (120, 240, 3)
     seen = read_image(padded)
-    assert seen[:, :30].max() < 30, "a black bar"
-    assert abs(seen[:, 120].mean() - 180) < 3
+    assert seen.shape[:2] == (size or (120, 240))
+    assert seen[:, : seen.shape[1] // 8].max() < 30, "a black bar"
+    assert abs(seen[:, seen.shape[1] // 2].mean() - 180) < 3
 
 
 def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
