@@ -90,14 +90,13 @@ def failure_map(
         text: Style = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 4, "color": ink}
         axis.text(middle, high - 0.2 * (high - low), f"{failed}/{driven}", **text)
     mesh = axis.pcolormesh(edges[archive.x], edges[archive.y], shares, cmap=SHARES, norm=NORM)
-    stars = [] if mildest is None else [mildest]
     star: Style = {"s": 130, "color": YELLOW, "marker": "*", "ec": "black", "zorder": 5}
     passed: Style = {"s": 8, "color": BLUE, "marker": "o", "alpha": 0.8, "lw": 1.0, "zorder": 3}
-    cross = passed | {"s": 14, "color": "black", "marker": "x"}
+    cross = passed | {"s": 26, "color": "black", "marker": "X", "ec": "white"}
     for label, roads, look in (
         ("driven without intervention", [road for road, failed in drives if not failed], passed),
         ("intervention", [road for road, failed in drives if failed], cross),
-        ("mildest intervention", stars, star),
+        ("mildest intervention", [mildest] if mildest else [], star),
     ):
         if roads or look is not star:
             across, up = ([road[name] for road in roads] for name in (archive.x, archive.y))
@@ -115,6 +114,7 @@ def failure_map(
     axis.set_title(plot_text(title), fontsize="medium")
     axis.spines[["top", "right"]].set_visible(False)
     label = "share of the cell's drives with an intervention"
-    figure.colorbar(mesh, ax=axis, shrink=0.6, label=label, format="%.1g")
+    bar = figure.colorbar(mesh, ax=axis, shrink=0.6, label=label)
+    bar.set_ticks(list(NORM.boundaries), labels=["0", ">0", "0.2", "0.4", "0.6", "0.8", "1"])
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
     return figure

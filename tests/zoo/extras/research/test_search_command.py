@@ -21,7 +21,7 @@ from zoo.driving.drive_log import read_drive
 from zoo.driving.run_drives import all_drives
 from zoo.driving.scenario import Scenario
 from zoo.extras.research import search_report
-from zoo.extras.research.failure_map import Archive
+from zoo.extras.research.failure_map import Archive, failure_map
 from zoo.extras.research.search_options import SearchOptions
 from zoo.extras.research.search_report import search_and_report
 from zoo.extras.research.search_run import (
@@ -173,6 +173,8 @@ def test_an_archive_counts_cells() -> None:
     archive.add({"bend": 50.0, "width": 5.0}, False)
     assert (len(archive.driven), len(archive.failed)) == (2, 1)
     assert archive.failed[archive.cell({"bend": 8.0, "width": 5.0})] == 2
+    bar = failure_map(archive, [], None, "").axes[1]
+    assert [tick.get_text() for tick in bar.get_yticklabels()][:2] == ["0", ">0"]
 
 
 def test_a_stopped_search_has_the_road_that_it_names(
