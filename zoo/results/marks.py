@@ -33,7 +33,7 @@ TITLES = {
 }
 MEANING = (
     "The figure itself is compared with the mark. Its 95 % interval shows how much it would change "
-    "on other roads of the same kind. A figure below its mark is open, not missed, where its "
+    "on other roads of the same kind. A mark that it does not reach is open, not missed, where the "
     "interval holds the mark: more roads would tell."
 )
 WORST = 3  # drives of a group below its mark that the page lists
@@ -71,7 +71,7 @@ class Reached:
 
     @property
     def status(self) -> str:
-        """Return passed, missed, or open where the interval of a figure below its mark holds it."""
+        """Return passed, missed, or open where the interval holds an unreached mark."""
         if self.passed:
             return PASSED
         best = self.interval.high if FIGURES[self.figure].higher else self.interval.low

@@ -14,9 +14,9 @@ class GradeOptions(TableFiles):
 
     Args:
         suite: suite of roads with marks: a name in conf/suite, or a .yaml file.
-        seed: number that draws other roads of the same families, unknown to who does not know it;
-            random: a long one, which the output folder keeps in seed.txt; null: the suite's own
-            roads, which everybody can drive.
+        seed: secret number that draws unknown roads of the same families; random: a long one, which
+            the output folder keeps in seed.txt; null: the suite's own roads, which everybody can
+            drive.
         roads: drawn roads in place of each road of the suite; more make narrower intervals.
         recording: recording of the course, on which networks must have been trained; null: any.
         points: points of a student who passes all marks; others get their share.
