@@ -105,13 +105,13 @@ class Bend(Change):
         """Take a view's crop and a recording's rig.
 
         Raises:
-            InputError: the rig is unknown.
+            InputError: the rig is unknown, or the recordings' rigs differ.
         """
         if rig is None:
             name = type(self).__name__.lower()
             raise InputError(
-                f"augment: {name} depends on the car's camera and wheelbase; name them with "
-                f"data.rig=FILE, or leave {name} out"
+                f"augment: {name} needs recordings of one car with a known camera and wheelbase; "
+                f"name it with data.rig=FILE, or leave {name} out"
             )
         self.crop, self.rig = crop, rig
 

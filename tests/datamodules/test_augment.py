@@ -284,7 +284,7 @@ def test_a_rig_of_twice_the_pixels_moves_the_same_shares_of_a_view() -> None:
 
 
 def test_a_car_of_unknown_make_cannot_be_bent_for() -> None:
-    with pytest.raises(InputError, match=r"bend.*data\.rig="):
+    with pytest.raises(InputError, match=r"bend.*recordings of one car.*data\.rig="):
         Bend().fit((40, 20), None)
 
 
