@@ -18,6 +18,7 @@ from zoo.base.command_keys import keys_of
 from zoo.base.console_progress import working
 from zoo.base.errors import InputError, placed_errors
 from zoo.base.key_values import check_keys, constructed
+from zoo.base.process_pool import KilledProcessError
 from zoo.base.terminal import counted, print_line
 from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint_path import checkpoint_of
@@ -137,8 +138,7 @@ class KeptDrive(KeptFigures):
 
 def remove_drives(folder: Path) -> None:
     """Remove the drives below a folder that a stopped command has left there, and nothing else."""
-    drives = folder.iterdir() if folder.is_dir() else ()
-    for drive in [path for path in drives if path.is_dir() and not path.is_symlink()]:
+    for drive in [path for path in folder.glob("*") if path.is_dir() and not path.is_symlink()]:
         images = drive / FRAMES
         names = (LOG_NAME, SUMMARY_NAME, FILM_NAME, TRACK_PLOT, ERROR_PLOT)
         for path in (*(drive / name for name in names), *images.glob(f"{'[0-9]' * 6}.jpg")):
@@ -294,6 +294,9 @@ def score_run(
 
     Returns:
         The figures; None if nothing was driven.
+
+    Raises:
+        KilledProcessError: a process that drove was killed.
     """
     if options is None:
         return None
@@ -311,6 +314,8 @@ def score_run(
             options.played_at,
             world=replayed,
         )
+    except KilledProcessError:  # the resumed run drives again
+        raise
     except InputError as error:  # a missing library must not fail a training of hours
         print_line(console, f"not driven: {error}")
         return None

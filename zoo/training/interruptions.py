@@ -13,6 +13,7 @@ from rich.console import Console
 from zoo.base.command_keys import typed_keys
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.parts import typed_parts
+from zoo.base.process_pool import KilledProcessError
 from zoo.base.run_command import was_stopped
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.checkpoints.checkpoint import check_part, read_checkpoint_file, trained_epochs
@@ -46,13 +47,14 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def naming_resume(folder: Path) -> Iterator[None]:
-    """Raise StoppedError, which names the command that resumes, for a Ctrl-C within the block."""
+    """Name the command that resumes, for a Ctrl-C within the block or a process that drove."""
     try:
         yield
-    except StoppedError:
-        raise
+    except KilledProcessError as error:
+        words = str(error).replace("workers", "score.workers")
+        raise InputError(f"{words}, and resume with: {resume_command(folder)}") from error
     except BaseException as error:
-        if was_stopped(error):
+        if was_stopped(error) and not isinstance(error, StoppedError):
             raise stopped_error(folder) from error
         raise
 

@@ -5,6 +5,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest import mock
 
 import psutil
 import pytest
@@ -18,6 +19,7 @@ from tests.zoo.command_runs import Zoo, only_line, run, run_here, start, succeed
 from tests.zoo.sweeps import change_status, status
 from tests.zoo.trainings import SMALL, data_of, equal, metrics, weights
 from zoo.base.errors import InputError
+from zoo.base.process_pool import KilledProcessError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.results.scored import read_scored
 from zoo.runs.run_record import Run
@@ -480,6 +482,17 @@ def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
     assert equal(weights(tmp_path / "run"), weights(tmp_path / "whole"))
     for key in ("epochs", "train_samples"):
         assert metrics(tmp_path / "run")[key] == metrics(tmp_path / "whole")[key]
+
+
+def test_a_run_whose_drive_is_killed_fails_and_names_how_to_resume(
+    zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed = KilledProcessError("workers=2: a process was killed; try workers=1")
+    monkeypatch.setattr("zoo.scoring.track_scores.all_drives", mock.Mock(side_effect=killed))
+    keys = ("score=lake", "trainer.max_epochs=0", "hydra.run.dir=run")
+    line = only_line(zoo(*SMALL, *data_of(recorded), *keys), 1)
+    assert "score.workers=2: a process was killed; try score.workers=1, and" in line
+    assert f"resume={tmp_path / 'run'}" in line
 
 
 @pytest.mark.parametrize("trace", [".hydra", "status.json", "checkpoints", "metrics.json"])
