@@ -113,8 +113,7 @@ def fed_batch(images: np.ndarray, steering: np.ndarray, colour: str, title: str)
     """
     in_row = images.shape[1] if images.ndim == 5 else None
     images = images.reshape(-1, *images.shape[-3:])
-    count = len(images)
-    height, width = images.shape[1:3]
+    count, height, width = images.shape[:3]
     columns = in_row or max(1, min(count, round(np.sqrt(count * 1.4 * height / width))))
     rows = -(-count // columns)
     # One image for the whole grid: an axis for each would take two seconds at every start.
@@ -164,7 +163,9 @@ def interval_panels(panels: Mapping[str, tuple[Mapping[str, Any], float]]) -> Fi
         panels: by label of the axis, the figures by the name of the row, and their factor.
     """
     rows = max(1, *(len(figures) for figures, _ in panels.values()))  # an axis needs a height
-    width = 6 if len(panels) == 1 else 1.2 + 2.4 * len(panels)
+    longest = max((len(name) for figures, _ in panels.values() for name in figures), default=0)
+    # Else long names would take their width from the axes.
+    width = min(max(longest, 20), 400) / 13 + (4.5 if len(panels) == 1 else 2.4 * len(panels))
     figure = NotebookFigure(figsize=(width, 0.9 + 0.35 * rows), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axis, (label, (figures, factor)) in zip(axes, panels.items(), strict=True):

@@ -159,8 +159,8 @@ def test_a_correction_for_one_pair_changes_nothing() -> None:
 
 @pytest.mark.parametrize(
     "figures",
-    [{}, {"like": Estimate(0.5, 0.2, 0.8)}, {"like": Estimate(1.0, 1.0, 1.0)}],
-    ids=["no row", "one row", "an interval of one point"],
+    [{}, {"folder/name " * 9: Estimate(0.5, 0.2, 0.8)}, {"like": Estimate(1.0, 1.0, 1.0)}],
+    ids=["no row", "one row of a long name", "an interval of one point"],
 )
 def test_a_plot_of_few_rows_warns_of_nothing(figures: dict[str, Estimate]) -> None:
     with warnings.catch_warnings():
