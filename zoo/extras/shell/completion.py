@@ -2,6 +2,7 @@
 
 import importlib
 import shlex
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -108,10 +109,8 @@ def command_words() -> dict[str, Words]:
     """Return the words of each command of `drivezoo`."""
     special = {name: Words((), _training_keys()) for name in ("train", "preview")}
     simulator = _value("simulator", "all_commands")()
-    special |= {
-        "simulator": Words(tuple(simulator), {}),
-        "new": Words(tuple(_value("new", "KINDS")), {}),
-    }
+    special["simulator"] = Words(tuple(simulator), {})
+    special["new"] = Words(tuple(_value("new", "KINDS")), {})
     words = {name: special.get(name) or words_of(load(place)) for name, place in places().items()}
     entries = named_entries(COMMANDS)
     outside = usable((entries[name] for name in outside_commands()), Command)
@@ -163,8 +162,7 @@ def _training_keys() -> dict[str, tuple[str, ...]]:
 def fish_script(words: Mapping[str, Words]) -> str:
     """Return the script for fish."""
     lines = ["# Completion of drivezoo for fish."]
-    names = shell_words(words)
-    lines.append(f"complete -c drivezoo -n __fish_use_subcommand -f -a {names}")
+    lines.append(f"complete -c drivezoo -n __fish_use_subcommand -f -a {shell_words(words)}")
     for name, entry in words.items():
         seen = [f"__fish_seen_subcommand_from {part}" for part in name.split()]
         # As the drive of the simulator, which is not the command of that name.
@@ -214,6 +212,8 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
     Args:
         shell: shell.
     """
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(newline="\n")  # bash on Windows, too, takes no carriage return
     print(SCRIPTS[shell](command_words()), end="")
 
 

@@ -3,6 +3,8 @@
 import re
 import shutil
 import subprocess
+import sys
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from tests.zoo.command_runs import only_line, run_here
 from zoo.base.compose import choices
 from zoo.base.console_script import commands, load
-from zoo.extras.shell.completion import SCRIPTS, Words, command_words
+from zoo.extras.shell.completion import SCRIPTS, Words, command_words, completion
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 
@@ -44,6 +46,13 @@ def completed(script: Path, line: str, cwd: Path) -> list[str]:
     result = subprocess.run(words, cwd=cwd, timeout=30, check=True, **streams)
     assert not result.stderr
     return result.stdout.splitlines()
+
+
+def test_the_script_has_the_line_ends_of_bash_on_windows_too(monkeypatch) -> None:
+    monkeypatch.setattr("sys.stdout", TextIOWrapper(BytesIO(), newline="\r\n"))
+    completion("fish")
+    sys.stdout.flush()
+    assert b"\r" not in sys.stdout.buffer.getvalue()
 
 
 def test_commands_are_completed(script: Path, tmp_path: Path) -> None:
