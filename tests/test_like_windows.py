@@ -121,5 +121,5 @@ def test_a_path_of_windows_reaches_the_config_as_it_was_typed(folder: str) -> No
 
 def test_a_printed_command_has_the_only_quotes_of_cmd(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zoo.base.terminal.os", SimpleNamespace(name="nt"))
-    words = ["drivezoo", "film", "outputs\\run", "columns=a,b", "fps=15"]
-    assert command_line(words) == r'drivezoo film "outputs\run" "columns=a,b" fps=15'
+    words = ["drivezoo", "film", "outputs\\run", "columns=a,b", "fps=15", "out=D:\\"]
+    assert command_line(words) == r'drivezoo film "outputs\run" "columns=a,b" fps=15 "out=D:\\"'

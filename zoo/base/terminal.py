@@ -55,6 +55,7 @@ def command_line(words: Iterable[object]) -> str:
 def _quoted(word: str) -> str:
     # cmd.exe knows no single quotes; PowerShell splits at commas, and bash drops plain backslashes.
     if os.name == "nt" or ("'" in word and not re.search(r'["$`\\!]', word)):
+        word = re.sub(r"\\$", r"\\\\", word)  # else it escapes the quote: D:\
         return word if re.fullmatch(r"[\w@%+=:./-]+", word) else f'"{word}"'
     return f"'{word}'" if word.startswith("=") else shlex.quote(word)  # zsh looks up =NAME
 
