@@ -78,7 +78,7 @@ def zoo_table() -> "tuple[Table, dict[str, str]]":
     sources = {}
     table = Table(title="the zoo", title_justify="left")
     for column in ("model", "input (CxHxW)", "colour", "parameters", "multiply-adds"):
-        table.add_column(column, justify="right" if column[-1] == "s" else "left")
+        table.add_column(column, justify="right" if column[-1] == "s" else "left", overflow="fold")
     with loading("building the networks"):
         from zoo.models.make_network import make_network, multiply_adds, paper, published_view
 

@@ -107,6 +107,7 @@ class ComparedEntries(Result):
     def show(self) -> None:
         """Print a row for each group, the verdict, and what was written."""
         console = Console(emoji=False, soft_wrap=True)
+        console.width = max(console.width, 76)  # a narrower table would lose figures
         for name, entry in (("A", self.a), ("B", self.b)):
             how = f"training seeds: {entry.seeds}" if entry.is_trained else "a baseline"
             print_line(console, printable(f"{name}: {entry.result.entry}, {how} ({entry.path})"))

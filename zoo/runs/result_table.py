@@ -144,11 +144,9 @@ class Table:
 
         shown = Printed(**style)
         for number, heading in enumerate(self.headings):
-            shown.add_column(
-                Text(heading),
-                justify="left" if left is None or number < left else "right",
-                no_wrap=number in whole,
-            )
+            side: Any = "left" if left is None or number < left else "right"
+            breaks: dict[str, Any] = {"no_wrap": True} if number in whole else {"overflow": "fold"}
+            shown.add_column(Text(heading), justify=side, **breaks)
         for row in self.cells:
             shown.add_row(*map(Text, row))
         return shown

@@ -263,6 +263,15 @@ def test_a_name_cannot_control_the_terminal(folders: tuple[Path, Path], tmp_path
     assert "[red]evil" in printed
 
 
+def test_a_narrow_terminal_cuts_no_figure(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    listed = run_here(tmp_path, "models", module="zoo.commands.list")
+    for command in (compare(tmp_path, *map(str, folders)), listed):
+        assert "…" not in succeed(command)
+
+
 def drawn(
     rng: np.random.Generator, difference: float, seeds: int, by_seed: float, roads: int = 20
 ) -> tuple[np.ndarray, np.ndarray]:
