@@ -123,7 +123,7 @@ def write_metrics(
         "side_response": open_loop.responses,
         "baselines": open_loop.baselines,
         "epochs": trained,
-        "train_samples": samples // max(epochs, 1) * trained,
+        "train_samples": samples * trained // max(epochs, 1),
         "best_epoch": choice.get("epoch") or None,  # not 0, of the initial weights
         "samples_per_second": samples / seconds if seconds else None,
         "seconds_per_epoch": seconds / epochs if seconds else None,
