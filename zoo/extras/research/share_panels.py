@@ -25,14 +25,14 @@ def share_panels(
         shares: label of the shares' axis.
     """
     few = all(len(places) < 10 for places, _ in panels.values())
-    width = 7 if len(panels) == 1 else 2 + 2.4 * len(panels)
+    longest = max(len(plot_text(name)) for _, curves in panels.values() for name in curves)
+    width = min(max(longest, 20), 400) / 13 + (5.5 if len(panels) == 1 else 0.5 + 2.4 * len(panels))
     figure = NotebookFigure(figsize=(width, 3.4), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axis, (title, (places, curves)) in zip(axes, panels.items(), strict=True):
         styles = itertools.cycle(("-", "--", "-.", ":"))
         for number, (name, points) in enumerate(curves.items()):
-            bounds = [(point.low, point.value, point.high) for point in points]
-            low, value, high = 100 * np.array(bounds, float).T
+            low, value, high = 100 * np.array([(p.low, p.value, p.high) for p in points], float).T
             # Side by side, since bars of several curves at one place hide each other.
             beside = np.array(places) + (0.6 * (number + 0.5) / len(curves) - 0.3 if few else 0)
             style = ("." if few else "") + next(styles)

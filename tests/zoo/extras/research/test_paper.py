@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import warnings
 import zipfile
 from pathlib import Path
 from types import SimpleNamespace
@@ -191,3 +192,6 @@ def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) 
 def test_a_plot_shows_a_name_as_it_is(name: str, tmp_path: Path) -> None:
     figure = SimpleNamespace(value=0.5, low=0.4, high=0.6)
     check_shown_name(name, share_panels({name: ([1], {name: [figure]})}, "x", "y"), tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # as of axes without a width
+        share_panels({"": ([1], {name * 20: [figure]})}, "x", "y").savefig(tmp_path / "long.png")
