@@ -48,11 +48,13 @@ class StoredImage:
         number: position in it; images of a file are read fastest in the order of their numbers.
         reader: function from file and number to pixels, uint8 [H, W, 3] RGB, or to the bytes of a
             JPEG or PNG; it raises ValueError for an image that it cannot read.
+        column: name of the column, in a file that has several images at a position.
     """
 
     file: str
     number: int
     reader: Callable[[str, int], Stored]
+    column: str = ""
 
     def __str__(self) -> str:
         return f"{self.file}#{self.number + 1}"

@@ -128,7 +128,7 @@ def is_stored(target: Path | None) -> bool:
 
 
 def cache_key(images: Sequence[AnyImage], view: View) -> str:
-    """Return the fingerprint of files (name, size, time of change), numbers in them, and view."""
+    """Return the fingerprint of files (name, size, time of change), places in them, and view."""
     seen = view.to_dict() | {"size": view.shape[:2], "frame": None}  # whatever they follow from
     digest = hashlib.sha256(json.dumps([VERSION, seen]).encode())
     file: str | Path | None = None
@@ -139,7 +139,7 @@ def cache_key(images: Sequence[AnyImage], view: View) -> str:
             file, state = path, _file_key(path)
         digest.update(state)
         if isinstance(image, StoredImage):
-            digest.update(f"{image.number}|".encode())
+            digest.update(f"{image.number}|{image.column}".encode())
     return digest.hexdigest()[:24]
 
 

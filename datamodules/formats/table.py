@@ -150,6 +150,6 @@ def _parquet_rows(
             unpacked += batch.nbytes
             check_unpacked(unpacked, table.stat().st_size, table)
             for fields in batch.to_pylist():
-                images = {name: StoredImage(str(table), number, stored[name]) for name in stored}
+                images = {key: StoredImage(str(table), number, stored[key], key) for key in stored}
                 number += 1
                 yield f"{table}, row {number}", fields | images

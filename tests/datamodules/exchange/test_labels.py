@@ -15,6 +15,8 @@ from datamodules.looking.findings import find_oddities
 from datamodules.looking.sign_evidence import find_sign_evidence
 from datamodules.recording import LONG_DRIVE, Recording
 from datamodules.recording_format import find_format, read_recordings
+from datamodules.view import View
+from datamodules.view_store import cache_key
 from tests.foreign_recordings import NS, ROWS, STEERING, challenge2_test, challenge2_training, table
 from zoo.base.errors import InputError
 
@@ -120,9 +122,12 @@ def test_a_parquet_table_names_or_holds_its_images(stored: bool, tmp_path: Path)
     names = [f"pics/{row}.png" for row in range(ROWS)]
     data = [{"bytes": (folder / name).read_bytes(), "path": "x"} for name in names]
     columns = {"turn": STEERING, "view": data if stored else names, "s": np.arange(ROWS) / 20}
+    columns["side"] = columns["view"][::-1]
     parquet.write_table(pa.table(columns), folder / "rows.parquet")
-    options = {"columns": "{image: view, steering: turn, time: s}"}
+    options = {"columns": "{image: view, left: side, steering: turn, time: s}"}
     recording = read(folder / "rows.parquet", **options)
+    view = View((0, 0), "rgb", None)
+    assert len({cache_key(recording.images[:, camera], view) for camera in (0, 1)}) == 2
     assert recording.steering == pytest.approx(STEERING)
     last = cv2.imread(str(folder / names[-1]))[:, :, ::-1]
     np.testing.assert_array_equal(recording.image(ROWS - 1), last)

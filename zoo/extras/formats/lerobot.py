@@ -139,7 +139,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
                 if not -0.5 <= frame < MOST["rows"]:
                     raise InputError(f"{source}: timestamp is {time_s:g} s; correct the row")
                 position = round(frame)
-            recording.images[row, camera] = StoredImage(str(file), position, reader)
+            recording.images[row, camera] = StoredImage(str(file), position, reader, key)
     # A missing number: no window reaches from one episode into the next.
     return replace(recording, line=recording.line + episode[recording.line - 1])
 
