@@ -25,7 +25,7 @@ class BenchmarkOptions(ResultFiles):
         out: output folder; null: named by date and time.
         workers: processes that drive; 0: one per core.
         executor: processes; ray or slurm: each drive is a task of a cluster.
-        drives: drives that verify repeats, chosen at random; 0: all.
+        drives: drives that verify repeats, chosen by the digest; 0: all.
         plot: file to draw each group's autonomy in: .pdf, .svg or .png.
     """
 

@@ -164,7 +164,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     Args:
         path: result.json, or its folder.
         suite: name or path of a suite, for a result of a suite that is not included.
-        drives: number of drives to repeat, chosen at random; 0 repeats all.
+        drives: number of drives to repeat, chosen by the digest; 0 repeats all.
         workers: number of processes; 0 for one per core.
         console: console that shows progress and differences.
 
@@ -186,7 +186,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     by_road = {drive.key: drive for drive in included.drives}
     numbers = list(range(len(result.drives)))
     if drives:
-        numbers = sorted(random.sample(numbers, min(drives, len(numbers))))
+        numbers = sorted(random.Random(result.digest).sample(numbers, min(drives, len(numbers))))
     recorded = [result.drives[number] for number in numbers]
     jobs = [(drive.checkpoint, by_road[road_of(drive)]) for drive in recorded]
     driven = drive_suite(drivers, jobs, included.mean_steering, workers, console)

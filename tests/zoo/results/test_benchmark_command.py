@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from unittest import mock
 
 import pytest
 import torch
@@ -169,6 +170,17 @@ def test_verify_repeats_drives(entry: Path, suite: Path, capsys: pytest.CaptureF
     printed = capsys.readouterr().out
     assert "4 of 4 drives repeated: all digests are equal; 4 of 4 are clean or failed" in printed
     assert printed.endswith("; all figures are equal\n")
+
+
+def test_verify_repeats_the_same_drives_each_time(
+    entry: Path, suite: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driven = mock.Mock(side_effect=InputError("seen"))
+    monkeypatch.setattr(suite_drives, "drive_suite", driven)
+    for _ in range(4):
+        assert refusal(verify, entry, suite, 2) == "seen"
+    first, *others = [call.args[1] for call in driven.call_args_list]
+    assert others == [first] * 3
 
 
 def test_verify_names_why_digests_may_differ(entry: Path) -> None:
