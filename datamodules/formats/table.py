@@ -97,7 +97,7 @@ def _find_table(path: Path) -> Path:
     """Return a table, or the only one in a folder."""
     if path.is_file():
         return path
-    tables = [file for file in sorted(path.glob("*")) if file.suffix.lower() in SUFFIXES]
+    tables = [file for file in sorted(path.glob("[!.]*")) if file.suffix.lower() in SUFFIXES]
     if len(tables) == 1:
         return tables[0]
     names = ", ".join(file.name for file in tables[:3])

@@ -92,6 +92,12 @@ def test_two_equal_rows_without_a_header_are_two_rows(tmp_path: Path) -> None:
     assert len(read(table, PLACED)) == foreign.ROWS + 1
 
 
+def test_the_hidden_file_that_a_mac_writes_for_each_is_no_second_table(tmp_path: Path) -> None:
+    table = write(tmp_path / "set", HEADER)
+    table.with_name("._labels.csv").write_bytes(b"\0\5\x16\7")
+    check_whole(read(table.parent))
+
+
 PATHS = {
     "bare": "{}.jpg",
     "linux": "/content/drive/My Drive/car/IMG/{}.jpg",
