@@ -269,13 +269,14 @@ def _rows(path: Path) -> list[Row]:
         try:
             first = next((line for line in file if line.strip()), "")
             file.seek(0)
-            separator = max(",;\t", key=first.count)  # the comma of a single column
-            reader = csv.reader(file, delimiter=separator, skipinitialspace=True)
-            names, rows = next(filter(any, reader), []), []
+            # Of a single column, the comma.
+            reader = csv.reader(file, delimiter=max(",;\t", key=first.count), skipinitialspace=True)
+            stripped = ([cell.strip() for cell in cells] for cells in reader)
+            names, rows = next(filter(any, stripped), []), []
             for number, name in enumerate(names):
                 if name and name in names[:number]:
                     raise InputError(f"{path}: has the column {name} twice; rename or delete one")
-            for cells in filter(any, reader):
+            for cells in filter(any, stripped):
                 if any(cells[len(names) :]):  # such as what follows a decimal comma
                     where = f"{path}: line {reader.line_num}"
                     raise InputError(f"{where}: has more cells than the header; write 0.5, not 0,5")

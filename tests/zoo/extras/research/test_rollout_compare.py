@@ -318,7 +318,7 @@ def test_an_interval_without_scenes_is_as_wide_as_wilsons() -> None:
     assert (figure.low, figure.high) == pytest.approx((low, high), abs=0.01)
 
 
-@pytest.mark.parametrize("separator", [",", ";", "\t", ", "])
+@pytest.mark.parametrize("separator", [",", ";", "\t", ", ", " ,"])
 def test_a_spreadsheets_separators_are_known(tmp_path: Path, separator: str) -> None:
     lines = ["", "policy,success,note", "a,1,x", ",,", "b,0", ""]
     text = "\n".join(lines).replace(",", separator)
