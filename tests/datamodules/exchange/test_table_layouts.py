@@ -216,7 +216,7 @@ def test_a_missing_blank_and_an_unknown_key_are_named(
 
 
 def test_a_table_without_named_columns_names_those_that_it_has(tmp_path: Path) -> None:
-    words = r"labels\.csv: has the columns image, steering; name its columns, 'data\.columns="
+    words = r'labels\.csv: has the columns image, steering; name its columns, "data\.columns='
     with pytest.raises(UsageError, match=words):
         read(write(tmp_path / "set", HEADER), None)
 

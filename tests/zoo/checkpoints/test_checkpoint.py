@@ -124,7 +124,7 @@ WRONG_SCALES = ([0, 1], [1e-300, 0], [float("nan"), 1], "x", [1, 2, 3], {})
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        *(("scale", scale, r".*model\.scale=.*set 'model\.scale=\[") for scale in WRONG_SCALES),
+        *(("scale", scale, r'.*model\.scale=.*set "model\.scale=\[') for scale in WRONG_SCALES),
         ("width", 2.0, r"\S+\.weight is \[24, 3, 5, 5\] in the file, \[48, 3, 5, 5\] in PilotNet"),
         ("_target_", "zoo.extras.absent.net.Net", r".*extra zoo\.extras\.absent\.net .*is missing"),
     ],

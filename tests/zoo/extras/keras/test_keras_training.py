@@ -86,10 +86,10 @@ def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
     [
         ([], "set model.weights=FILE"),
         (["model.weights=none.h5"], r"none\.h5"),
-        (["model.size=null"], r"20 x 30 x 3, .*set 'data\.crop=\[0,0\]' 'model\.size=\[20,30\]\'"),
+        (["model.size=null"], r'20 x 30 x 3, .*set "data\.crop=\[0,0\]" "model\.size=\[20,30\]"'),
         (["model.colour=gray"], r"model\.colour=rgb"),
         (["unclear"], r"lambda_1 .*model\.scale; or set what drivezoo import finds"),
-        (["unscaled"], r"set 'model\.scale=\[127\.5,1\]'"),
+        (["unscaled"], r'set "model\.scale=\[127\.5,1\]"'),
     ],
 )
 def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Path) -> None:
