@@ -154,6 +154,7 @@ def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
         (lambda: drivezoo.train(trainer={"max_epohcs": 1}), drivezoo.UsageError, "max_epochs"),
         (lambda: drivezoo.train(data={"root": "no"}), drivezoo.InputError, "no:"),
         (lambda: drivezoo.train(seeds=3, model="lenet"), drivezoo.UsageError, "for each run"),
+        (lambda: drivezoo.train(model="tiny,lenet"), drivezoo.UsageError, "drivezoo train -m tr"),
         (lambda: drivezoo.train(trainer={"devices": 2}), drivezoo.UsageError, "devices=1"),
         (lambda: drivezoo.evaluate("no.ckpt"), drivezoo.InputError, "no.ckpt: no such checkpoint"),
         (lambda: drivezoo.evaluate(None), drivezoo.UsageError, "None: is no driver"),

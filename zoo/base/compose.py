@@ -113,7 +113,7 @@ def _hydra_override(argument: str, sweep: bool) -> str:
         key = typed = "data.root"
     elif key in config_groups() and not value.startswith("{"):
         if value.startswith("[") and key not in LISTED:
-            raise UsageError(f"{argument}: takes one name; add -m, and remove the brackets")
+            raise UsageError(f"{argument}: takes one name; drivezoo train -m takes a,b,c")
         return f"{key}={','.join(ALIASES.get((key, name), name) for name in names)}"
     if key in PATH_KEYS:
         value = _quote_value(value, sweep)
@@ -247,7 +247,7 @@ def _explained(error: Exception, arguments: Sequence[str]) -> str:
     if several := _SEVERAL.search(text):
         key, _, value = several["typed"].partition("=")
         return (
-            f"{key}={value}: names several values; add -m to train with each, or type "
+            f"{key}={value}: names several values; drivezoo train -m trains with each; or type "
             f"'{key}=[{value}]' for a list, and a decimal number with a point"
         )
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
