@@ -267,8 +267,7 @@ def steer_rows(
         for number, row in enumerate(rows.tolist()):
             if number == 0 or rows[number - 1] != row - 1 or broken[row - 1]:
                 policy.reset()
-            frame = read_image(test.recording.images[row, 0])
-            steering[number] = policy(frame, speed_mph).steering
+            steering[number] = policy(read_image(test.recording.images[row, 0]), speed_mph).steering
             shown((number + 1) / len(rows))
     if car != test.rig:
         steering = test.rig.steering_of(car.curvature(steering))
@@ -295,9 +294,10 @@ def block_rmse(errors: np.ndarray, block: np.ndarray) -> Estimate:
     1.0
     """
     _, index = np.unique(block, return_inverse=True)
-    # A block's sum of squares, scaled so that the mean over blocks is the mean over frames.
-    sums = np.bincount(index, errors**2)
-    squares = bootstrap(sums * (len(sums) / max(len(errors), 1)), limits=(0, math.inf))
+    mean = errors @ errors / max(len(errors), 1)
+    # What a block adds to the mean over frames, of which the last block may have few.
+    sums = np.bincount(index, errors**2 - mean)
+    squares = bootstrap(mean + sums * (len(sums) / max(len(errors), 1)), limits=(0, math.inf))
     return Estimate(*np.sqrt([squares.value, squares.low, squares.high]).tolist())
 
 

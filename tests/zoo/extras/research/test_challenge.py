@@ -94,6 +94,8 @@ def test_blocks_of_frames_are_resampled_and_not_frames() -> None:
     by_block = block_rmse(errors, np.repeat(np.arange(6), 200))
     assert by_frame.value == by_block.value == pytest.approx(np.sqrt(0.5))
     assert by_block.high - by_block.low > 5 * (by_frame.high - by_frame.low)
+    short = block_rmse(np.full(450, 0.1), np.arange(450) // 200)  # the last block has few frames
+    assert (short.low, short.high) == pytest.approx((0.1, 0.1))
 
 
 def test_a_network_of_these_frames_needs_a_split(folder: Path, tmp_path: Path) -> None:
