@@ -47,8 +47,9 @@ def split(run: ReportedRun) -> list[Block]:
             "flipping, augmentation, balancing or offset."
         )
     ]
-    if leaks := run.metrics.get("leak"):
-        apart = (f"{part} {_number(leak['seconds'])} s" for part, leak in leaks.items())
+    leaks = run.metrics.get("leak") or {}
+    seconds = {part: _number(leak["seconds"]) for part, leak in leaks.items()}
+    if apart := [f"{part} {number} s" for part, number in seconds.items() if number != "-"]:
         blocks.append(Text(f"{APART}: {', '.join(apart)}."))
     return blocks
 
@@ -93,8 +94,8 @@ def cameras(run: ReportedRun) -> list[Block]:
         Heading("One frame of each camera"),
         Text(
             f"{recording.place(int(row))}, which steers more than three of four rows: "
-            f"{signed(recording.steering[row])}. Side cameras: data.offset={data['offset']:g} "
-            f"data.recover_s={typed(data.get('recover_s'))}."
+            f"{signed(recording.steering[row])}. Side cameras, if any: "
+            f"data.offset={data['offset']:g} data.recover_s={typed(data.get('recover_s'))}."
         ),
         Images(images, columns=3),
     ]
@@ -161,7 +162,7 @@ def find_recovery(recording: Recording) -> tuple[np.ndarray, str]:
     """
     stretches = find_stretches(recording)
     if not len(stretches.first):
-        raise InputError(f"No stretch of the recording lasts {STRETCH_S:g} s without a pause.")
+        raise InputError(f"No stretch of {STRETCH_S:g} s is known to be driven without a pause.")
     change = steering_returns(recording, stretches.first, stretches.length)
     after_pause = np.where(stretches.after_pause, change, 0.0)
     which, curve = "that follow a pause in the recording", after_pause

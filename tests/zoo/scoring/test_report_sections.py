@@ -103,7 +103,7 @@ def test_a_stretch_never_crosses_a_pause_or_another_recording() -> None:
 
 @pytest.mark.parametrize(
     ("rows", "steering", "words"),
-    [(20, 0.5, "No stretch of the recording lasts"), (200, 0.3, "hardly changes")],
+    [(20, 0.5, "No stretch of 3 s"), (200, 0.3, "hardly changes")],
 )
 def test_a_missing_recovery_has_a_reason(rows: int, steering: float, words: str) -> None:
     assert words in refusal(find_recovery, recording_in_memory(np.full(rows, steering)))
