@@ -51,8 +51,8 @@ def naming_resume(folder: Path) -> Iterator[None]:
     try:
         yield
     except KilledProcessError as error:
-        words = str(error).replace("workers", "score.workers")
-        raise InputError(f"{words}, and resume with: {resume_command(folder)}") from error
+        words = str(error).replace("try ", "try ++score.")  # score=lake does not name the key
+        raise InputError(f"score.{words}, and resume with: {resume_command(folder)}") from error
     except BaseException as error:
         if was_stopped(error) and not isinstance(error, StoppedError):
             raise stopped_error(folder) from error

@@ -491,7 +491,7 @@ def test_a_run_whose_drive_is_killed_fails_and_names_how_to_resume(
     monkeypatch.setattr("zoo.scoring.track_scores.all_drives", mock.Mock(side_effect=killed))
     keys = ("score=lake", "trainer.max_epochs=0", "hydra.run.dir=run")
     line = only_line(zoo(*SMALL, *data_of(recorded), *keys), 1)
-    assert "score.workers=2: a process was killed; try score.workers=1, and" in line
+    assert "score.workers=2: a process was killed; try ++score.workers=1, and" in line
     assert f"resume={tmp_path / 'run'}" in line
 
 
