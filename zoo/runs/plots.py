@@ -42,7 +42,7 @@ def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) 
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     shares = [float(np.mean(np.abs(steering) < threshold)) for steering in (before, after)]
     is_capped = shares[1] < shares[0] - LEAST_CAPPED
-    balanced = "One balanced epoch" if is_capped else "One epoch: straight_cap is not reached"
+    balanced = "One balanced epoch" if is_capped else "One epoch: straight_cap changes nothing"
     titles = ("All training samples", balanced)
     for axis, steering, title, straight, colour in zip(
         axes, (before, after), titles, shares, (GREY, BLUE), strict=True
@@ -73,7 +73,7 @@ def predicted_against_true(predicted: np.ndarray, true: np.ndarray, title: str) 
     axis.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
     axis.locator_params(nbins=5)
     axis.set(xlabel="recorded steering", ylabel="predicted steering", title=title)
-    axis.legend(frameon=False, loc="upper left")
+    figure.legend(frameon=False, loc="outside lower center")  # on no point
     plain_axis(axis)
     return figure
 

@@ -174,7 +174,8 @@ def test_a_changed_recording_is_reported(undriven: Path) -> None:
     metrics["leak"] = {"val": {"seconds": None}}  # of a recording without times
     (undriven / "metrics.json").write_text(json.dumps(metrics))
     page = write_report(undriven).read_text()
-    assert "not the one of the training" in page and "nearest training row" not in page
+    assert "not the one of the training" in page
+    assert "nearest training row" not in page
 
 
 def test_a_failed_run_says_why(undriven: Path) -> None:

@@ -12,7 +12,7 @@ from tensorboard.backend.event_processing.event_file_loader import EventFileLoad
 
 from datamodules.data_settings import DataSettings
 from tests.recordings import Written
-from zoo.runs.plots import steering_histogram
+from zoo.runs.plots import predicted_against_true, steering_histogram
 from zoo.training.training_images import figure_of_fed_batch, publish
 
 
@@ -57,3 +57,9 @@ def test_tensorboard_gets_the_saved_plot(tmp_path: Path) -> None:
     width, height, _ = value.tensor.string_val  # the loader converts images
     assert (shown[0].step, value.tag) == (4, "steering")
     assert (int(width), int(height)) == Image.open(plot).size
+
+
+def test_a_legend_lies_on_no_point() -> None:
+    figure = predicted_against_true(np.ones(1), -np.ones(1), "")
+    assert figure.legends
+    assert figure.axes[0].get_legend() is None
