@@ -307,7 +307,7 @@ def seeds_column(entries: Sequence[Entry]) -> Column:
 
     The second line names the precisions where they differ, as in runs of older versions.
     """
-    counts = [sum(run.trainings for run in entry.runs) for entry in entries]
+    counts = [max(row.first.trainings, len({run.seed for run in row.runs})) for row in entries]
     texts = []
     for entry, count in zip(entries, counts, strict=True):
         listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)

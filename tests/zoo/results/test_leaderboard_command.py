@@ -281,6 +281,7 @@ def test_a_repeated_training_counts_once(tmp_path: Path) -> None:
     assert ranked_figures(entries)[0].interval(entry).low < 0.5
     mean, deviation = entry.figures["autonomy"]
     assert (mean, deviation) == pytest.approx((0.85, 0.005**0.5)), "of the seeds, not of the runs"
+    assert seeds_column(entries).cells == ["1, 1, 2\n(n = 2)"]
 
 
 @pytest.mark.parametrize(
