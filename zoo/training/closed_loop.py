@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 DROVE = "drive/"  # begins the names of the figures
 FRAME_IMAGES = 8  # training images that take as long as a driven frame: PilotNet's, on two cores
 DRIVEN = "driven.ckpt"
+# Attributes that a checkpoint keeps.
+KEPT = ("best_score", "figures", "frames", "last_frames", "drives", "spent_s", "passed_s")
 
 
 class ClosedLoop(Callback):
@@ -76,6 +78,7 @@ class ClosedLoop(Callback):
         self.metres, self.speed, self.share, self.quality = metres, speed, share, quality
         self.world: EmbeddedWorld | None = None
         self.drives, self.spent_s, self.last_s = 0, 0.0, 0.0
+        self.passed_s, self.started = 0.0, time.perf_counter()  # before this process; its start
         self.frames = self.last_frames = 0  # driven in all, and in the last drive
         self.figures: dict[str, float] = {}  # logged after the last drive, by name
         self.best_score = float("-inf")
@@ -103,7 +106,7 @@ class ClosedLoop(Callback):
 
     def on_train_start(self, trainer: Trainer, module: LightningModule) -> None:
         """Start the clock; restore the figures of the last drive of a resumed run."""
-        self.started = time.perf_counter()
+        self.started = time.perf_counter() - self.passed_s
         # Not logged: the loggers, too, hold figures of drives only.
         trainer.callback_metrics.update(
             {key: torch.tensor(value) for key, value in self.figures.items()}
@@ -133,15 +136,13 @@ class ClosedLoop(Callback):
                 trainer.save_checkpoint(Path(trainer.default_root_dir) / "checkpoints" / DRIVEN)
 
     def state_dict(self) -> dict:
-        """Return the best score, the last figures and the driven frames, for checkpoints."""
-        frames = {"frames": self.frames, "last_frames": self.last_frames}
-        return {"best_score": self.best_score, "figures": self.figures, **frames}
+        """Return the best score, the last figures, and the drives' work, for checkpoints."""
+        self.passed_s = time.perf_counter() - self.started
+        return {name: getattr(self, name) for name in KEPT}
 
     def load_state_dict(self, state: dict) -> None:
-        """Restore the best score, the last figures and the driven frames."""
-        self.best_score = state.get("best_score", float("-inf"))
-        self.figures = state.get("figures", {})
-        self.frames, self.last_frames = state.get("frames", 0), state.get("last_frames", 0)
+        """Restore them; checkpoints of before do not hold all."""
+        vars(self).update({name: state[name] for name in KEPT if name in state})
 
     def on_train_end(self, trainer: Trainer, module: LightningModule) -> None:
         """Print the time of the drives."""

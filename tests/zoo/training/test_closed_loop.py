@@ -125,6 +125,7 @@ def test_a_resumed_run_monitors_the_last_drive_until_the_next(
 
     succeed(run_here(tmp_path, "resume=run", "trainer.max_epochs=2"))
     assert "drive/" not in (tmp_path / "run" / "metrics.csv").read_text(), "it drove again"
+    assert metrics(tmp_path / "run")["closed_loop"]["in_training"]["drives"] == 1, "before, too"
     contents = torch.load(last, weights_only=True)
     assert best(contents) == pytest.approx(figure)
     contents["callbacks"]["ClosedLoop"].pop("figures")  # as a version before wrote it
