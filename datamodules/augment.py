@@ -69,13 +69,12 @@ class Brightness(Change):
 
     lighting = True
 
-    def __init__(self, scale: tuple[float, float] = (0.25, 1.25), p: Share = 1.0) -> None:
+    def __init__(self, scale: tuple[Least0, Least0] = (0.25, 1.25), p: Share = 1.0) -> None:
         self.scale, self.p = sorted(scale), p
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return factors."""
-        low, high = self.scale
-        return rng.uniform(low, high, (shape[0], 1))
+        return rng.uniform(self.scale[0], self.scale[1], (shape[0], 1))
 
     def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
         """Scale an image in place."""

@@ -93,7 +93,7 @@ class Bend(Change):
     def __init__(
         self,
         curvature: Least0 = 0.12,
-        length_m: tuple[float, float] = (8.0, 30.0),
+        length_m: tuple[Least0, Least0] = (8.0, 30.0),
         ahead_m: Least0 = 10.0,
         begun: Share = 0.5,
         p: Share = 0.5,
@@ -119,8 +119,7 @@ class Bend(Change):
         """Return values of `steer`, and each row's move to the right in columns of the view."""
         count = shape[0]
         curvature = rng.uniform(-self.curvature, self.curvature, count)
-        shortest, longest = self.length_m
-        length = rng.uniform(shortest, longest, count)
+        length = rng.uniform(self.length_m[0], self.length_m[1], count)
         ahead = rng.uniform(-self.rig.rear_axle_m, self.ahead_m, count)
         begin = np.where(rng.random(count) < self.begun, -self.rig.rear_axle_m, ahead)
         bend = curvature[:, None], begin[:, None], length[:, None]
@@ -207,7 +206,7 @@ class Pose(Bend):
     def __init__(
         self,
         curvature: Least0 = 0.16,
-        length_m: tuple[float, float] = (8.0, 30.0),
+        length_m: tuple[Least0, Least0] = (8.0, 30.0),
         ahead_m: Least0 = 10.0,
         begun: Share = 0.5,
         aside_m: Least0 = 1.2,

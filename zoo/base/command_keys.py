@@ -242,6 +242,8 @@ def wanted(kind: Any) -> str:
     >>> from pydantic import Field
     >>> wanted(Annotated[float, Field(gt=0, le=1000)] | None)
     'a number above 0, up to 1000, or null'
+    >>> wanted(tuple[int, float])
+    '[a whole number, a number]'
     """
     if get_origin(kind) in (Union, types.UnionType):
         parts = get_args(kind)
@@ -254,6 +256,8 @@ def wanted(kind: Any) -> str:
     examples = [example for mark in marks for example in getattr(mark, "examples", None) or ()]
     if examples:
         return f"as in {', '.join(map(typed, examples))}"
+    if get_origin(plain) is tuple:
+        return f"[{', '.join(map(wanted, get_args(plain)))}]"
     return f"{_NAMED.get(get_origin(plain) or plain, 'text')} {bounds(kind)}".strip()
 
 

@@ -65,6 +65,7 @@ NOISE = {"_target_": "albumentations.GaussNoise", "std_range": [2, 3]}
         ("callbacks.last.save_weights_only", True, "save_weights_only=true: must be False"),
         ("callbacks.best.save_top_k", 3, "callbacks.best.save_top_k=3: must be 1"),
         ("data.augment.brightness.p", 2, "data.augment.brightness.p=2: must be a number in 0..1"),
+        ("data.augment.brightness.scale", [-1, 1], "must be [a number of 0 or more, a number of 0"),
         ("data.augment.pose", POSE, "pose.aside_m=-1: must be a number of 0 or more"),
         ("data.augment.noise", NOISE, "data: std_range Value error, All values in (2.0, 3.0) must"),
         ("trainer.precision", "fp16", "trainer.precision=fp16: must be "),
