@@ -131,7 +131,7 @@ def split_words(
     length, gap = (rows[0] / rate for rows in block_rows(recording, block_s, gap_s))
     if changes := shard_changes(recording):
         return f"blocks of a shard each, {len(changes) + 1:,}, with gaps of {gap:.2g} s"
-    chosen = "as data.block_s says" if block_s is not None else recording.blocks.why
+    chosen = recording.blocks.why if block_s is None else "data.block_s, at most 1/20 of the rows"
     return f"blocks of {length:.3g} s with gaps of {gap:.2g} s ({chosen})"
 
 

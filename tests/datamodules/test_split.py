@@ -259,6 +259,7 @@ def test_a_format_of_long_drives_states_longer_blocks_and_the_user_wins() -> Non
     assert lengths(long, block_s=20).min() == 300
     assert "30 s with gaps of 3 s" in split_words(long, "blocks")
     assert LONG_DRIVE.why in split_words(long, "blocks")
+    assert "data.block_s, at most" in split_words(long, "blocks", block_s=1e6)
     assert split_words(long, "random") == "random"
 
 
