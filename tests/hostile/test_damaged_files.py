@@ -193,10 +193,13 @@ def write_drive(folder: Path) -> Path:
     return folder
 
 
+END = ",,,,,0,,,\n"  # of a row after its frame
 DRIVES = {
     "summary's text": ("drive.json", field("autonomy", value="x"), "autonomy: "),
     "rows not UTF-8": ("drive.csv", lambda path: path.open("ab").write(b"\xff\n"), "row 5"),
     "row's NUL": ("drive.csv", lambda path: path.open("a").write("0,1,x,\0,,,,,,,,\n"), "row 5"),
+    "frame above": ("drive.csv", lambda path: path.open("a").write(f"0,1,x,a/../../b{END}"), "b'"),
+    "server's": ("drive.csv", lambda path: path.open("a").write(f"0,1,x,//host/b{END}"), "host/b'"),
     "client": ("drive.csv", lambda path: path.open("a").write("0,1e999,x,,,,,,0,,,\n"), "client"),
     "text": ("drive.csv", lambda path: path.open("a").write("x,1,x,,,,,,0,,,\n"), "time_s"),
     "infinite": ("drive.csv", lambda path: path.open("a").write("inf,1,x,,,,,,0,,,\n"), "time_s"),

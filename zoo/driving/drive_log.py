@@ -8,6 +8,7 @@ kind, and percentiles of latency.
 
 import csv
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import fields
 from functools import lru_cache
@@ -31,6 +32,9 @@ from zoo.runs.result_table import known
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
 VERSION = 1  # of drive.json
 MOST_BYTES = 256_000_000  # of a drive.csv: days of driving
+# Frames lie in the folder. A stranger's could else be files of the user, or \\SERVER\SHARE, where
+# Windows would log in.
+INSIDE = re.compile(r"(?s)(?!.*\.\.)([^/\\:\0]+/)*[^/\\:\0]*")
 
 COLUMNS = tuple(field.name for field in fields(DriveRow))
 _VALUES = attrgetter(*COLUMNS)  # not dataclasses.astuple, which copies each value
@@ -175,18 +179,16 @@ def read_drive(folder: Path | str) -> WrittenDrive:
 def _texts(row: DriveRow) -> list[str]:
     texts = []
     for name, value in zip(COLUMNS, _VALUES(row), strict=True):
-        if isinstance(value, bool):
-            value = int(value)
-        elif isinstance(value, float):
+        if isinstance(value, float):
             value = "" if math.isnan(value) else f"{value:.{_DECIMALS.get(name, 5)}f}"
-        texts.append(str(value))
+        texts.append(str(int(value) if isinstance(value, bool) else value))
     return texts
 
 
 def _value(name: str, text: str) -> Any:
     """Return a value of a column; raise ValueError for one that the writer does not write."""
     if name in ("driver", "frame"):
-        if "\0" in text or (not text.isascii() and replace_undecoded(text) != text):
+        if not INSIDE.fullmatch(text) or (not text.isascii() and replace_undecoded(text) != text):
             raise ValueError(f"{name} is {text[:40]!a}")
         return text
     try:
@@ -195,6 +197,5 @@ def _value(name: str, text: str) -> Any:
         value = math.inf
     whole = {"client": (1, 1e9), "intervention": (0, 1)}.get(name)
     if math.isinf(value) or (whole and not (whole[0] <= value <= whole[1] and value % 1 == 0)):
-        what = "whole number" if whole else "number"
-        raise ValueError(f"{name} is {text[:40]!r}, not a {what}")
+        raise ValueError(f"{name} is {text[:40]!r}, not a {'whole ' if whole else ''}number")
     return value
