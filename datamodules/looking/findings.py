@@ -228,7 +228,7 @@ class RecordingReport:
         name: folder of the recording.
         rows: number of rows.
         side_cameras: rows with both side images.
-        seconds: driven time, without gaps; NaN without times in the file names.
+        seconds: driven time, without gaps; NaN without times, or of one.
         fps: rows of a second, without gaps; NaN without times.
         gaps: times over a second between rows.
         zero_share: share of rows whose steering is exactly 0: a keyboard gives many.
@@ -269,7 +269,7 @@ def report_lines(recording: Recording) -> list[str]:
     """Return the reports as lines, one per recording, and a line for skipped rows."""
     lines = []
     for report in report_recordings(recording):
-        timing = "no times in the file names"
+        timing = "driven time unknown"
         if np.isfinite(report.seconds):
             gaps = counted(report.gaps, "gap")
             timing = f"{report.seconds:.0f} s at {report.fps:.1f} frames/s, {gaps}"

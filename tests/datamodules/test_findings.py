@@ -259,7 +259,7 @@ def test_rows_without_times_have_no_seconds():
     recording.time_s[:] = np.nan
     (report,) = report_recordings(recording)
     assert np.isnan([report.seconds, report.fps]).all()
-    assert "no times in the file names" in report_lines(recording)[0]
+    assert "driven time unknown" in report_lines(recording)[0]
 
 
 def test_a_line_a_recording_says_it_all(tmp_path):
