@@ -316,8 +316,8 @@ def _add_entry(paper: Paper, name: str, position: str, entry: Entry) -> None:
         if path and (run := Run(path.parent.parent)).folder.joinpath(OF_RUN[0]).is_file():
             commands.append(paper.add_run(f"{position}-{number}", run))
         elif digits and (text := paper.files.get(f"{inside}/{COMMAND}")):
-            command = text.decode(errors="replace").strip()
-            commands.append(f"{command} seed={driver.training_seed}")
+            seed = "" if driver.training_seed is None else f" seed={driver.training_seed}"
+            commands.append(text.decode(errors="replace").strip() + seed)
         facts = {"network": driver.model, "checkpoint": digits or None, "data": driver.data or None}
         facts |= {"code": code_name(result.code), "drives": result.digest}
         paper.rows.append({"entry": name, "seed": driver.training_seed, **facts})

@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import json
 import warnings
 import zipfile
 from pathlib import Path
@@ -81,14 +82,17 @@ def test_results_give_tables_plots_and_a_complete_archive(monkeypatch: pytest.Mo
     assert Path("paper/pairs.tex").read_text() == Path("../paper/pairs.tex").read_text()
 
 
-@pytest.mark.parametrize("split", ["", " split=dev"])
-def test_checkpoints_beside_a_result_are_in_the_archive(split: str) -> None:
+@pytest.mark.parametrize(("split", "seed"), [("", 0), (" split=dev", None)])
+def test_checkpoints_beside_a_result_are_in_the_archive(split: str, seed: int | None) -> None:
     checkpoint = Path("1.ckpt")
     checkpoint.write_bytes(b"weights")
     write_entry("good", 0.9, seeds=1, checkpoint=checkpoint)
     checkpoint.rename("marks/good/1.ckpt")
+    Path("marks/good/command.txt").write_text("drivezoo train model=lenet\n")
     path = Path("marks/good/result.json")
-    path.write_text(path.read_text().replace('"own"', '"own-dev"' if split else '"own"'))
+    content = json.loads(path.read_text()) | {"suite": "own-dev" if split else "own"}
+    content["checkpoints"][0]["training_seed"] = seed
+    path.write_text(json.dumps(content))
     shown = leaderboard("marks", paper="paper")
     assert not any("not in repeat.zip, since" in line for line in shown.notes)
     names = zipfile.ZipFile("paper/repeat.zip").namelist()
@@ -96,7 +100,8 @@ def test_checkpoints_beside_a_result_are_in_the_archive(split: str) -> None:
     text = Path("paper/appendix.md").read_text()
     assert f"drivezoo benchmark marks/good/1.ckpt suite=own.yaml{split} entry=good" in text
     assert "drivezoo benchmark verify results/1_good suite=own.yaml" in text
-    assert "| good | 0 |" in text
+    assert f"\ndrivezoo train model=lenet{'' if seed is None else ' seed=0'}\n" in text
+    assert f"| good | {'-' if seed is None else '0'} |" in text
 
 
 def test_drives_of_levels_give_a_curve_for_each_axis() -> None:
