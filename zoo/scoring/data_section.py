@@ -174,8 +174,7 @@ def find_recovery(recording: Recording) -> tuple[np.ndarray, str]:
         f"Of the stretches of {STRETCH_S:g} s {which}: the steering returns most in this one, by "
         f"{curve.max():.2f}. The log does not contain the cross-track error."
     )
-    first = int(stretches.first[curve.argmax()])
-    return np.arange(first, first + stretches.length), why
+    return stretches.first[curve.argmax()] + np.arange(stretches.length), why
 
 
 def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) -> Image:

@@ -11,6 +11,7 @@ from rich.table import Table
 from zoo.base.errors import InputError, UsageError, hint, placed_errors
 from zoo.base.registry import Registry
 from zoo.driving.scenario import Scenario
+from zoo.simulator.track_names import short_name
 from zoo.simulator.weather import Weather, random_weather
 
 Change = Callable[[Scenario, float], Scenario]
@@ -149,15 +150,15 @@ def sweeps(
 
 def sweep_table(results: dict[str, dict[float, dict]], usual: Scenario) -> Table:
     """Return a table with a row for each perturbation: its values, and the figures of each."""
-    table = Table("perturbation", title="one quantity changed at a time; * is the usual value")
+    table = Table(short_name(usual.track), title="one quantity changed at a time; *: usual")
     for _ in range(max(map(len, results.values()))):
         table.add_column(justify="right")
     for name, by_value in results.items():
-        normal = PERTURBATIONS[name].usual(usual)
-        cells = []
+        unit = PERTURBATIONS[name].label.rpartition(", ")[2]
+        normal, cells = PERTURBATIONS[name].usual(usual), []
         for value, figures in by_value.items():
             known = [(form, figures[key]) for key, form in SHOWN.items()]
             texts = ["-" if figure is None else form.format(figure) for form, figure in known]
             cells.append("\n".join([f"{value:g}{'*' if value == normal else ''}", *texts]))
-        table.add_row(f"{name}\n  autonomy\n  mean error, m", *cells)
+        table.add_row(f"{name}, {unit}\n  autonomy\n  mean error, m", *cells)
     return table

@@ -65,7 +65,9 @@ def test_an_unknown_figure_leaves_a_gap_in_plots_and_sweeps() -> None:
     assert figures_by_track([*swept["speed"].values()]).axes
     axes = degradation_curves(swept, {"speed": 15.0}, "lake").axes
     assert ["not measured" in axis.get_ylabel() for axis in axes] == [True, True]
-    assert list(sweep_table(swept, Scenario()).columns[1].cells) == ["15*\n-\n-"]
+    table = sweep_table(swept, Scenario())
+    assert (table.columns[0].header, *table.columns[1].cells) == ("lake", "15*\n-\n-")
+    assert next(table.columns[0].cells).startswith("speed, mph\n")
 
 
 def test_metres_per_intervention_are_of_all_drives_together() -> None:
