@@ -36,11 +36,10 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        remedy = f"{folder} was removed, with all that the run had saved; start the run again"
+        fix = f"{folder} was removed, with all that the run had saved; start the run again"
         if folder.is_dir():
-            remedy = f"{kept(folder)}; free some space, and resume with: {resume_command(folder)}"
-        file = error.filename or folder
-        raise InputError(f"{file}: {error.strerror or error}; {remedy}") from error
+            fix = f"{kept(folder)}; free some space, and resume with: {resume_command(folder)}"
+        raise InputError(f"{error.filename or folder}: {error.strerror or error}; {fix}") from error
     finally:
         threading.excepthook = before
 
@@ -93,6 +92,11 @@ class ResumePoint:
 
     path: Path
     contents: dict
+
+    @property
+    def is_inside_epoch(self) -> bool:
+        """Return whether batches of the epoch are left; what is done is counted in single ones."""
+        return not self.contents["loops"]["fit_loop"]["epoch_loop.batch_progress"]["is_last_batch"]
 
     def end_early(self, trainer: lightning.Trainer) -> None:
         """Let a trainer train no further epoch if early stopping had ended the training."""

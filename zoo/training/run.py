@@ -120,6 +120,8 @@ def _run(
     card["config"]["trainer"]["precision"] = card["precision"] = precision
     trainer = build.build_trainer(config, folder, has_validation=len(data.split.val) > 0)
     print_start(card, network, data, apart, trainer.strategy.root_device, console)
+    if resumed is not None and resumed.is_inside_epoch:
+        OmegaConf.update(config, "trainer.group_batches", False, force_add=True)
     plan = make_plan(config, data, network, trainer, console)
     print_line(console, plan.line())
     module = build.build_module(config, network, plan, card, console)
@@ -176,11 +178,7 @@ def _run(
 
 
 def _fit(
-    trainer: lightning.Trainer,
-    module: RunModule,
-    data: RunData,
-    path: Path | None,
-    folder: Path,
+    trainer: lightning.Trainer, module: RunModule, data: RunData, path: Path | None, folder: Path
 ) -> None:
     try:
         trainer.precision_plugin.convert_module(module)  # before its weights are restored
