@@ -20,13 +20,15 @@ from zoo.checkpoints.checkpoint_path import trained_paths
 from zoo.runs.saved_config import check_saved_config, overridden, split_trust
 from zoo.training.obeyed_keys import PATIENCE, STOPPING, unobeyed
 
+LIMITS = ("max_steps", "max_time")  # keys of `trainer` that end a training inside an epoch
+
 
 def resume(folder: Path, overrides: list[str]) -> None:
     """Resume a run with its own config, plus overrides such as `trainer.max_epochs=60`.
 
-    A finished run is left as it is, unless the overrides ask for more epochs. The folder may
-    come from another person: `trust=my.Loss` among the overrides allows what `check_saved_config`
-    refuses.
+    A finished run is left as it is, unless the overrides ask for more epochs or steps. The folder
+    may come from another person: `trust=my.Loss` among the overrides allows what
+    `check_saved_config` refuses.
 
     Raises:
         InputError: the folder holds no run, the config names something that is not allowed, or
@@ -47,8 +49,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
     lead_from(run.started_in, saved)
     config, keys = overridden(saved, overrides)
     check_saved_config(config, folder / ".hydra" / "config.yaml", trusted, keys)
-    last = folder / "checkpoints" / "last.ckpt"
-    if last.is_file():
+    if (last := folder / "checkpoints" / "last.ckpt").is_file():
         for key, (then, now) in unobeyed(_settled(saved), _settled(config)).items():
             raise UsageError(
                 f"{' '.join(overrides)}: {key} was {then} in the finished epochs, and cannot be "
@@ -57,7 +58,8 @@ def resume(folder: Path, overrides: list[str]) -> None:
     if read_status_file(folder).get("status") == "finished":
         metrics = read_metrics_file(folder)
         epochs = metrics.get("epochs") or 0
-        if not overrides or _max_epochs(config) <= epochs:
+        moved = [k for k in LIMITS if saved.trainer.get(k) not in (None, config.trainer.get(k))]
+        if not overrides or (_max_epochs(config) <= epochs and not moved):
             print("\n".join(_finished_lines(folder, saved, metrics, overrides)))
             return
         if not last.is_file():
@@ -100,13 +102,12 @@ def _finished_lines(
     """Yield the lines on a finished run: its files, and how to train it further."""
     epochs, most = metrics.get("epochs") or 0, _max_epochs(config)
     best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
-    page = folder / "report" / "index.html"
     ignored = f" ({' '.join(overrides)}: no more epochs)" if overrides else ""
     early = f" of {most}" if epochs < most else ""
     yield f"{folder}: finished after {counted(epochs, 'epoch')}{early}; nothing to do{ignored}"
     if best.is_file():
         yield f"best checkpoint (after epoch {metrics.get('best_epoch')}): {best}"
-    if page.is_file():
+    if (page := folder / "report" / "index.html").is_file():
         yield f"report: {page}"
     if last.is_file() and (keys := _further(config, epochs)):
         command = ["drivezoo", "train", f"resume={folder}", *keys, *typed_parts()]
@@ -118,7 +119,7 @@ def _finished_lines(
 def _further(config: DictConfig, epochs: int) -> list[str]:
     """Return the overrides that train a finished run further; empty where none would be obeyed."""
     if epochs < _max_epochs(config):
-        limits = [key for key in ("max_steps", "max_time") if key in config.trainer]
+        limits = [key for key in LIMITS if key in config.trainer]
         return [f"{STOPPING}=null"] if _patience(config) is not None and not limits else []
     keys = [f"trainer.max_epochs={2 * max(epochs, 1)}"]
     if config.quick:

@@ -470,7 +470,7 @@ def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
     train: Train, zoo: Zoo, tmp_path: Path
 ) -> None:
     keys = ("model.dropout=0.0", "trainer.max_epochs=3")
-    train(*keys, "trainer.max_steps=40", "hydra.run.dir=whole")
+    train(*keys, "hydra.run.dir=whole")
     train(*keys, "trainer.max_steps=24")
     ended = metrics(tmp_path / "run")
     assert (ended["epochs"], ended["train_samples"]) == (2, 267 + 7 * 16), "17 and 7 batches"
@@ -479,6 +479,7 @@ def test_more_steps_resume_inside_the_epoch_in_which_the_first_ones_ended(
     for key in ("epochs", "train_samples"):
         assert metrics(tmp_path / "run")[key] == ended[key], "no step is left to take"
     succeed(zoo("resume=run", "trainer.max_steps=40"))
+    succeed(zoo("resume=run", "trainer.max_steps=-1"))
     assert equal(weights(tmp_path / "run"), weights(tmp_path / "whole"))
     for key in ("epochs", "train_samples"):
         assert metrics(tmp_path / "run")[key] == metrics(tmp_path / "whole")[key]
