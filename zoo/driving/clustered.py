@@ -166,7 +166,7 @@ def _strata(
     driven: dict[str, set[str]] = {}
     for place, group in zip(places, groups or [""] * len(places), strict=True):
         driven.setdefault(place, set()).add(group)
-    kinds = {place: " ".join(sorted(kinds_of_place)) for place, kinds_of_place in driven.items()}
+    kinds = {place: repr(sorted(kinds_of_place)) for place, kinds_of_place in driven.items()}
     is_fine = min(Counter(kinds.values()).values()) >= SMALLEST
     drives: dict[str, list[int]] = {}
     for number, place in enumerate(places):

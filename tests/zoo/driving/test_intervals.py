@@ -86,6 +86,10 @@ def test_groups_that_differ_do_not_widen_the_interval() -> None:
     whole, strata = (clustered(values, places=range(10), groups=by) for by in (None, groups))
 
     assert strata.high - strata.low < (whole.high - whole.low) / 10
+    groups = ["fog"] * 5 + ["fog rain"] * 5 + ["rain"] * 5
+    twice = np.append(values, values[:, :5], axis=1)
+    strata = clustered(twice, places=[*range(10), *range(5)], groups=groups)
+    assert strata.high - strata.low < (whole.high - whole.low) / 10, "a group that two others spell"
 
 
 def test_a_failure_in_a_stratum_of_two_places_leaves_an_interval_of_use() -> None:
