@@ -74,7 +74,7 @@ def _trained_on(policy: Policy, recording: str | None) -> Finding:
     result = f"{root}, {data.get('rows', 0):,} rows, fingerprint {fingerprint}"
     with suppress(InputError):
         if recording is not None:
-            same = read_recordings(recording).fingerprint() == fingerprint
+            same = read_recordings(recording, on_bad_image="skip").fingerprint() == fingerprint
             result += f"; {'' if same else 'not '}the same as this recording"
     return Finding(OK, "trained on", result)
 

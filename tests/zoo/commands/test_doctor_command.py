@@ -9,6 +9,7 @@ import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -173,6 +174,8 @@ def test_bad_images_are_a_warning(tmp_path: Path, recorded: Written) -> None:
     assert finding.state == WARNING
     assert finding.found.startswith("2 ")
     assert "drivezoo check" in finding.fix
+    policy: Any = SimpleNamespace(data={"fingerprint": "of another"}, config={})
+    assert "not the same as this" in inputs._trained_on(policy, str(folder)).found
 
 
 def test_a_driver_that_does_not_start_is_a_fault(tmp_path: Path) -> None:
