@@ -38,7 +38,7 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
     except OSError as error:
         fix = f"{folder} was removed, with all that the run had saved; start the run again"
         if folder.is_dir():
-            fix = f"{kept(folder)}; free some space, and resume with: {resume_command(folder)}"
+            fix = f"{kept(folder)}; once it can be written, resume with: {resume_command(folder)}"
         raise InputError(f"{error.filename or folder}: {error.strerror or error}; {fix}") from error
     finally:
         threading.excepthook = before
