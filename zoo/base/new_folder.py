@@ -17,7 +17,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from zoo.base.errors import InputError, file_errors
-from zoo.base.whole_file import PART
+from zoo.base.whole_file import PART, move_whole
 
 LOCK = ".drivezoo.lock"
 HIDDEN = ".drivezoo"  # beginning of its name, and of what earlier versions kept in a folder
@@ -125,7 +125,7 @@ def whole_folder(out: Path, key: str = "out=") -> Iterator[Path]:
             part.mkdir(parents=True)
             yield part
             (part / LOCK).unlink(missing_ok=True)
-            part.rename(out)
+            move_whole(part, out)
         except BaseException:
             shutil.rmtree(part, ignore_errors=True)
             raise

@@ -62,7 +62,7 @@ def whole_path(path: Path) -> Iterator[Path]:
         try:
             part.open("xb").close()  # not from `tempfile`: other users could not read its files
             yield part
-            _replace(part, path)
+            move_whole(part, path)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
@@ -70,15 +70,20 @@ def whole_path(path: Path) -> Iterator[Path]:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def _replace(part: Path, path: Path) -> None:
-    """Replace a file; where open files cannot be replaced, wait until other programs close it."""
+def move_whole(part: Path, path: Path) -> None:
+    """Replace a file, or name a new folder; on Windows, wait until other programs close its files.
+
+    Raises:
+        OSError: the path cannot be written; or a program, such as a virus scanner, keeps it open.
+    """
     last_s = time.monotonic() + REPLACE_S
     while True:
         try:
             part.replace(path)
             return
         except PermissionError as error:
-            if not (OPEN_FILES_STAY and path.is_file() and os.access(path, os.W_OK)):
+            is_read_only = path.exists() and not os.access(path, os.W_OK)
+            if not OPEN_FILES_STAY or is_read_only or path.is_dir():
                 raise
             if time.monotonic() >= last_s:
                 reason = "is open in another program; close it there and repeat the command"

@@ -117,6 +117,13 @@ def test_a_file_closed_in_time_is_replaced(tmp_path: Path, monkeypatch: pytest.M
     assert write_whole(path, "new").read_text() == "new"
 
 
+def test_a_folder_scanned_for_a_moment_is_not_lost(tmp_path: Path, monkeypatch) -> None:
+    open_for(monkeypatch, tries=3)
+    with whole_folder(tmp_path / "lake") as part:
+        (part / "1.jpg").touch()
+    assert (tmp_path / "lake" / "1.jpg").exists()
+
+
 @pytest.mark.parametrize(
     ("writable", "reason"), [(True, "open in another program; close it"), (False, "is denied")]
 )
