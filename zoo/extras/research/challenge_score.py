@@ -137,7 +137,8 @@ class Challenge(Result):
 
     def result_table(self) -> Table:
         """Return a row for each name, ascending by the error on the private half."""
-        names = sorted(self.rmse, key=lambda name: self.rmse[name]["private"].value)
+        error = {name: by_half["private"].value for name, by_half in self.rmse.items()}
+        names = sorted(error, key=lambda name: (math.isnan(error[name]), error[name]))
         columns = [Column("steering", "steering", names)]
         for half in HALVES:
             rmse, heading = [self.rmse[name][half] for name in names], f"{half}: RMSE, rad"

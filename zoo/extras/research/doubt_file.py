@@ -69,11 +69,8 @@ def doubt_contents(paths: Sequence[Path], samples: int, seed: int) -> dict:
     members = []
     for path in paths:
         contents = read_checkpoint_file(path)
-        weights = {
-            name: tensor
-            for name, tensor in contents["state_dict"].items()
-            if name.startswith(PREFIX)
-        }
+        state = contents["state_dict"]
+        weights = {name: state[name] for name in state if name.startswith(PREFIX)}
         members.append({"drivezoo": contents["drivezoo"], "state_dict": weights})
     card = {"format": FORMAT, "doubt": {"samples": samples, "seed": seed}}
     return {"drivezoo": card, "members": members}

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from tests.refusals import refusal
 from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.policy_base import Command, Policy
 from zoo.commands.evaluate import evaluate_or_replay as command
+from zoo.driving.intervals import Estimate
 from zoo.extras.research.challenge_score import block_rmse
 from zoo.extras.research.doubt_policy import EnsemblePolicy
 
@@ -70,6 +72,9 @@ def test_the_errors_are_those_of_the_angles_of_each_half(folder: Path, tmp_path:
     assert steering[0] == pytest.approx(wheel, rel=1e-3)
     saved = json.loads((tmp_path / "out" / "metrics.json").read_text())["challenge"]
     assert saved["rmse_rad"]["team"]["private"]["value"] == pytest.approx(0.25)
+    lost = {"lost": dict.fromkeys(("private", "public"), Estimate(np.nan))}
+    names = replace(result, rmse=lost | result.rmse).result_table().columns[0].cells
+    assert names[-1] == "lost", "below the errors that are known"
 
 
 def test_a_file_of_other_frames_is_left_out(folder: Path, tmp_path: Path) -> None:
