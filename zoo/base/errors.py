@@ -81,7 +81,8 @@ def library_errors(file: object, fault: str, remedy: str) -> Iterator[None]:
     except (InputError, ImportError, MemoryError):
         raise
     except Exception as error:  # damaged bytes make libraries raise errors of any type
-        reason = " ".join(str(error).split()) or type(error).__name__
+        # What imageio-ffmpeg adds begins with ffmpeg's own version and options.
+        reason = " ".join(str(error).partition("=== stderr")[0].split()) or type(error).__name__
         system = error.strerror if isinstance(error, OSError) else None
         raise InputError(f"{file}: {system or f'{fault} ({reason:.200})'}; {remedy}") from None
 

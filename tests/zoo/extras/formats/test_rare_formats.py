@@ -257,3 +257,6 @@ def test_a_video_of_another_kind_is_named_by_its_contents(video: str, tmp_path: 
     (tmp_path / video).write_bytes(POINTER)
     with pytest.raises(InputError, match=rf"{video}: is a Git LFS pointer"):
         next(read_frames(tmp_path / video))
+    (tmp_path / video).write_bytes(b"")
+    with pytest.raises(InputError, match=r" video, or damaged \([\w ]+\); copy it again$"):
+        next(read_frames(tmp_path / video))
