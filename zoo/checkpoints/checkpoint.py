@@ -208,9 +208,9 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         raise InputError(f"{path}: {describe_script(path)}")
     file.seek(0)
     is_zip = file.read(2) == b"PK"  # else a pickle, as torch wrote before 1.6
-    if is_zip and not zipfile.is_zipfile(file):  # its end record is missing
-        raise InputError(f"{path}: is truncated (its end is missing); copy it again, or {_ANOTHER}")
     try:
+        if is_zip and not zipfile.is_zipfile(file):  # which raises an error for a damaged end
+            raise InputError(f"{path}: is truncated: it has no end; copy it again, or {_ANOTHER}")
         check_pickles(*_first_pickles(file, path, is_zip))
         size = file.seek(0, io.SEEK_END)
         file.seek(0)

@@ -169,6 +169,7 @@ def test_weights_that_are_not_finite_are_refused_with_their_tensor(
         (lambda path, _: None, "cannot be read.*[Nn]o such file"),
         (lambda path, _: path.touch(), "is empty"),
         (lambda path, whole: path.write_bytes(whole[:20_000]), "is truncated"),
+        (lambda path, whole: path.write_bytes(whole[:-26] + b"\3" + whole[-25:]), "is damaged"),
         (lambda path, _: path.write_text("steering"), "is not a torch file"),
         (lambda path, whole: path.write_bytes(whole[:99] + whole[150:]), "is damaged"),
     ],
