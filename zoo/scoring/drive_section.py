@@ -89,7 +89,7 @@ def infractions(run: ReportedDrives) -> list[Block]:
         [words, *(str(count[key]) for count in counts.values())]
         for key, words in INFRACTIONS.items()
     ]
-    return [Heading("Interventions by cause"), Rows(Table.of(["cause", *counts], rows))]
+    return [Heading("Interventions of all drives"), Rows(Table.of(["cause", *counts], rows))]
 
 
 def _film(run: ReportedDrives, drive: WrittenDrive, budget: int) -> Block:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import imageio_ffmpeg
 import numpy as np
@@ -28,6 +29,7 @@ from zoo.driving.drive_record import DriveRow
 from zoo.models.make_network import make_network, view_of
 from zoo.models.network_facts import facts_of
 from zoo.scoring.data_section import find_recovery
+from zoo.scoring.drive_section import infractions
 from zoo.scoring.training_section import network_layers
 
 
@@ -107,6 +109,13 @@ def test_a_stretch_never_crosses_a_pause_or_another_recording() -> None:
 )
 def test_a_missing_recovery_has_a_reason(rows: int, steering: float, words: str) -> None:
     assert words in refusal(find_recovery, recording_in_memory(np.full(rows, steering)))
+
+
+def test_causes_are_those_of_all_drives() -> None:
+    drive = SimpleNamespace(track="lake", summary={"infractions": {"left": 1}})
+    heading, rows = infractions(SimpleNamespace(tracks=["lake"], drives=[drive, drive]))
+    assert "all drives" in heading.text
+    assert ("left the road to the left", "2") in rows.table.cells
 
 
 def test_standing_still_is_no_recovery() -> None:
