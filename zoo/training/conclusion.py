@@ -86,8 +86,8 @@ def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
     if worse := [part for part, row in open_loop.figures.items() if row["mae"] > zeros[part]]:
         print_line(
             console,
-            f"MAE above that of always zero ({', '.join(worse)} rows): most recorded steering is "
-            "near 0, so that any steering costs there; the balanced MAE counts bends as much",
+            f"MAE above that of always zero ({', '.join(worse)} rows): where recorded steering is "
+            "near 0, any steering costs; compare the balanced MAE, which counts bends as much",
         )
     if (response := open_loop.responses.get("test")) is not None:
         print_line(
