@@ -178,8 +178,8 @@ class Correction:
                 f"start seeds from {FIRST_SEED}"
             )
         self._print(
-            f"{self.path}: {corrections}; scored with start seeds 0 to {self.options.seeds - 1}, "
-            "from which no corrections come"
+            f"{self.path}: {corrections}; scored with {counted(self.options.seeds, 'start seed')} "
+            "from 0 on, from which no corrections come"
         )
 
     def _print(self, text: str) -> None:
