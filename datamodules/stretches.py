@@ -126,11 +126,11 @@ def long_stretches(recording: Recording, rows: np.ndarray) -> list[np.ndarray]:
 
 
 def mean_rate(recording: Recording) -> float:
-    """Return rows per second without pauses; without times as `rows_per_second`.
+    """Return rows per second of `continuous_drives`; without times as `rows_per_second`.
 
     The median is wrong for steps of whole frames: 15 Hz in steps of 0.02 s has a median of 0.06 s.
     """
-    steps = np.diff(recording.time_s)[~find_breaks(recording)]
+    steps = np.diff(recording.time_s)[~(find_breaks(recording) | missing_rows(recording))]
     steps = steps[steps >= 0]
     return float(1 / steps.mean()) if steps.any() else rows_per_second(recording)
 

@@ -228,6 +228,8 @@ def test_rate_is_the_medians_and_without_times_the_simulators(small):
     recording.time_s[:] = np.arange(10) // 5  # a clock of whole seconds
     rates = rows_per_second(recording), mean_rate(recording), report_recordings(recording)[0].fps
     assert rates == (9.0, 9.0, 9.0)
+    recording.time_s[:] = np.r_[0:5, 9:14] / 20  # four rows are missing
+    assert mean_rate(recording) == pytest.approx(20)
     recording.time_s[:] = np.nan
     assert rows_per_second(recording) == 15.0
 
