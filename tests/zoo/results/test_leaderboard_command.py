@@ -391,6 +391,9 @@ def test_the_page_draws_and_picks(tmp_path: Path) -> None:
         browser.open(page.as_uri())
         assert browser.wait_for("document.querySelectorAll('#parallel .entry').length") == 3
         assert browser.value("document.querySelectorAll('#curves .entry').length") == 6
+        browser.value("data.entries.forEach((one, n) => { one.values.near = 1 + n / 1e5; })")
+        ticks = "scale({key: 'near'}).ticks.map(([, label]) => label)"
+        assert browser.value(f"new Set({ticks}).size") == 5
         # The best is the first row; sorted by its learning rate it is the second.
         browser.click("#ranking th:nth-child(3)")
         order = "[...document.querySelectorAll('#ranking tbody tr')].map((r) => r.dataset.entry)"

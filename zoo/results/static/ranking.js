@@ -18,7 +18,7 @@ const draw = (parent, name, attributes = {}, text = "") => {
   parent.append(node);
   return node;
 };
-const short = (value, share) => (share ? `${+(100 * value).toFixed(1)} %` : `${+value.toPrecision(3)}`);
+const short = (value, share, digits = 3) => (share ? `${+(100 * value).toFixed(1)} %` : `${+value.toPrecision(digits)}`);
 
 // An axis maps an entry to 0 (top) .. 1 (bottom), or null where it has no value.
 function scale(axis) {
@@ -37,7 +37,9 @@ function scale(axis) {
   const at = (value) => (axis.less ? place(value) : 1 - place(value));
   const steps = axis.kind === "setting" && new Set(numbers).size < 7 ? [...new Set(numbers)]
     : [0, 0.25, 0.5, 0.75, 1].map((part) => (log ? low * (high / low) ** part : low + part * (high - low)));
-  const ticks = high > low ? steps.map((value) => [at(value), short(value, axis.share)]) : [[0.5, short(low, axis.share)]];
+  // As many digits as tell the ticks of a narrow range apart.
+  const digits = Math.min(15, Math.max(3, Math.ceil(2 + Math.log10(Math.max(-low, high) / (high - low)))));
+  const ticks = high > low ? steps.map((value) => [at(value), short(value, axis.share, digits)]) : [[0.5, short(low, axis.share)]];
   return { at, ticks };
 }
 
