@@ -367,6 +367,6 @@ def run_name(entry: Entry, under: Path | None) -> str:
 
 def folder_label(folder: Path, under: Path | None) -> str:
     """Return `folder` relative to `under` where it is inside, else as it is."""
-    if under is not None and folder.resolve().is_relative_to(under.resolve()):
+    if under is not None and under.resolve() in folder.resolve().parents:
         return str(folder.resolve().relative_to(under.resolve()))
     return str(folder)

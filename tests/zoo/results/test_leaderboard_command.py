@@ -530,6 +530,8 @@ def test_runs_of_several_folders_are_named_from_the_current_folder(here: Path) -
         write_run(here / name / "today" / "run", 0.9, overrides=(f"x={name}",))
     ranking = leaderboard(here / "a", here / "b")
     assert {row["run"] for row in ranking.table()} == {"a/today/run", "b/today/run"}
+    (row,) = leaderboard("a/today/run").table()
+    assert row["run"] == "a/today/run", "the folder of a single run"
 
 
 def test_a_package_adds_files_to_a_paper(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
