@@ -178,7 +178,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
             digests=DIGESTS,
         )
         written = write_entry(folder, result)
-        finished.remove()
+        finished.path.unlink()
         reached = [] if nan_line(result) else marks.reached_marks(result, suite.marks)
         if reached:
             worst = {

@@ -1,6 +1,7 @@
 """The drivers of an entry and their drives, with figures and a digest; finished ones are kept."""
 
 import hashlib
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -122,14 +123,8 @@ def drive_figures(drive: Drive) -> dict[str, float | None]:
 
 def drive_digest(drive: Drive) -> str:
     """Return 16 hexadecimal digits of a drive's rows; neither latency nor wall time is in it."""
-    columns = (
-        drive.steering,
-        drive.throttle,
-        drive.speed_mph,
-        drive.cross_track_m,
-        drive.intervention,
-    )
-    rows = np.stack([np.asarray(column, np.float64) for column in columns], -1)
+    names = "steering", "throttle", "speed_mph", "cross_track_m", "intervention"
+    rows = np.stack([np.asarray(getattr(drive, name), np.float64) for name in names], -1)
     rounded = np.round(rows, DECIMALS) + 0.0  # no negative zeros
     return hashlib.sha256(rounded.astype("<f8").tobytes()).hexdigest()[:16]
 
@@ -196,18 +191,14 @@ class FinishedDrives:
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"job": job, "drive": drive.model_dump()}) + "\n")
 
-    def remove(self) -> None:
-        """Delete the file, once the result is written."""
-        self.path.unlink()
-
 
 def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
     """Return the drivers of an entry: one baseline, or checkpoints of several training seeds.
 
     Raises:
         UsageError: a baseline is named together with other drivers.
-        InputError: a checkpoint cannot be read, is named twice or has another network than the
-            first; or the suite has no mean steering.
+        InputError: a checkpoint cannot be read, is of the training of an earlier one or has another
+            network than the first; or the suite has no mean steering.
     """
     if baselines := [name for name in names if name in NO_CHECKPOINT]:
         if len(names) > 1:
@@ -220,6 +211,13 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
         return [Driver(file=names[0], model=names[0], **facts)]
     drivers = [read_driver(find_checkpoint(name)) for name in names]
     check_distinct(drivers)
+    for a, b in itertools.combinations(drivers, 2):
+        seed = b.training_seed
+        if seed is not None and (seed, b.data) == (a.training_seed, a.data):
+            raise InputError(
+                f"{b.file}: has the training seed {seed} and the recordings of {a.file}; name one "
+                "checkpoint of each training: intervals are for new trainings"
+            )
     return drivers
 
 

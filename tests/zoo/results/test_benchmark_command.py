@@ -338,6 +338,7 @@ def test_steering_nan_has_no_marks(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     [
         (["zero", "expert"], "zero: a baseline is an entry of its own"),
         (["CKPT", "CKPT"], "named twice"),
+        (["CKPT", "LAST"], "last.ckpt: has the training seed 7 and the recordings of .*best.ckpt"),
         (["no.ckpt"], "no.ckpt: no such checkpoint"),
         (["CKPT", "LENET"], "is a LeNet, but"),
         (["WRONG"], "head.weight is .* in the file"),
@@ -351,6 +352,7 @@ def test_wrong_drivers_get_one_line(
     torch.save(contents, tmp_path / "wrong.ckpt")
     places = {
         "CKPT": str(checkpoint),
+        "LAST": str(write_constant(tmp_path / "last.ckpt", 0.03, epoch=9, seed=7)),
         "WRONG": str(tmp_path / "wrong.ckpt"),
         "LENET": str(PACKAGED / "lenet.ckpt"),
     }
