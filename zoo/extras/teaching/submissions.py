@@ -117,7 +117,7 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
         names = " and ".join(path.name for path in paths)
         return Submission(name, None, f"{name} stands for two submissions, {names}; keep one")
     try:
-        # A link to a folder may lead to another student's, or to the whole disk.
+        # A link may lead to another student's, to the teacher's own, or to the whole disk.
         inner = sorted(first.rglob("*")) if first.is_dir() and not first.is_symlink() else paths
         files = [path for path in inner if _is_network(path) and path.is_file()]
     except OSError as error:
@@ -126,12 +126,12 @@ def _submission(name: str, paths: Sequence[Path]) -> Submission:
         return Submission(name, files[0])
     problem = f"has {counted(len(files), 'network')}, must be one"
     if not files:
-        problem = "is or has no .ckpt or .onnx file, or links to nothing or a folder; hand in one"
+        problem = "is or has no .ckpt or .onnx file that is no link; hand in one"
     return Submission(name, first if first.is_file() else None, f"{first}: {problem}")
 
 
 def _is_network(path: Path) -> bool:
-    return path.suffix.lower() in ENDINGS and not path.name.startswith(".")
+    return path.suffix.lower() in ENDINGS and path.name[0] != "." and not path.is_symlink()
 
 
 def warnings_of(

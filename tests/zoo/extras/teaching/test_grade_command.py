@@ -401,6 +401,7 @@ def hand_in(folder: Path) -> None:
     (folder / "dangling.ckpt").symlink_to("nowhere.ckpt")
     (folder / "dangling").symlink_to("nowhere")
     (folder / "linked").symlink_to("apple")
+    (folder / "the teacher's.ckpt").symlink_to("a good one.ckpt")
     for name, card in (("latin", "Gr\xf6\xdfe".encode("cp1252")), ("large", b"x" * 1_000_001)):
         write_constant(folder / name / "net.ckpt", 0.0)
         (folder / name / "README.md").write_bytes(card)
@@ -435,7 +436,7 @@ def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.Captu
     result = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
     result.show()
     status = {student.submission.name: student.status for student in result.grades}
-    broken = ["4_dora", "dangling", "folder.ckpt", "linked", "twice"]
+    broken = ["4_dora", "dangling", "folder.ckpt", "linked", "the teacher's", "twice"]
     assert status == {
         **dict.fromkeys([*NAMES.values(), "a good one", "latin", "large", "apple"], "passed"),
         **dict.fromkeys(broken, "not driven"),
