@@ -114,15 +114,15 @@ class BenchmarkResult(Fields):
 
     @property
     def has_levels(self) -> bool:
-        """Return whether the drives are those of axes with levels."""
-        return bool(self.drives[0].level)
+        """Return whether drives are of axes with levels; all are where the suite has no groups."""
+        return any(drive.level for drive in self.drives)
 
     @property
     def score(self) -> str:
         """Return the figure by which entries are compared.
 
-        It is the autonomy. Drives of levels end at their first intervention: theirs is whether they
-        had none.
+        It is the autonomy. Drives of levels end at their first intervention: of a suite that has
+        such, it is whether drives had none.
         """
         return "without_intervention" if self.has_levels else "autonomy"
 

@@ -81,6 +81,7 @@ def test_other_drives_of_the_suite_drive_the_whole_road(suite: Path, tmp_path: P
     path.write_text(yaml.safe_dump(content | {"roads": 1, "groups": {"plain": [{"track": track}]}}))
     mixed = read_result(drive(["zero"], path, tmp_path / "out"))
     assert [record.figures["interventions"] > 1 for record in mixed.drives] == [True, False, False]
+    assert mixed.score == "without_intervention", "the autonomy of a drive that ended says little"
 
 
 @pytest.mark.parametrize(

@@ -272,10 +272,10 @@ def _thresholds(entries: Mapping[str, Entry]) -> Figure:
 
 def _levels(entries: Mapping[str, Entry]) -> Figure:
     """Draw the share of clean drives of each level of each axis."""
-    first = next(iter(entries.values()))
     axes: dict[str, dict[int, list[Road]]] = {}
-    for road, drives in first.drives.items():
-        axes.setdefault(road.group, {}).setdefault(drives[0].level, []).append(road)
+    for road, drives in next(iter(entries.values())).drives.items():
+        if drives[0].level:
+            axes.setdefault(road.group, {}).setdefault(drives[0].level, []).append(road)
     panels = {}
     for axis, levels in axes.items():
         numbers = sorted(levels)
