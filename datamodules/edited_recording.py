@@ -114,8 +114,7 @@ def _write_part(
     named = times_from_names([str(image) for image in recording.images[:, 0]])
     is_renamed = np.isfinite(recording.time_s) & ~(np.abs(named - recording.time_s) < 0.001)
     is_last = missing_rows(recording)
-    pairs = list(zip(rows.tolist(), mirrored.tolist(), strict=True))
-    for row, turned in reported(pairs, report):
+    for row, turned in reported(list(zip(rows.tolist(), mirrored.tolist(), strict=True)), report):
         images = recording.images[row].tolist()
         if fault := next(filter(None, map(find_file_fault, images)), None):
             left_out.append(f"{recording.place(row)}: {fault}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from datamodules.format_options import ReadOptions
 from datamodules.known_formats import Format, known_format, own_formats
-from datamodules.recorded_car import read_source
+from datamodules.recorded_car import read_copy
 from datamodules.recording import Recording
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig_file import find_rig, named_rig
@@ -62,8 +62,9 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
         ) from None
     folder = path.parent if path.is_file() else path
     rig = named_rig(options.rig) if options.rig else find_rig(folder)
-    if rig is None and read_source(recording.names):
-        return name, replace(recording, rig=None)  # converted: the log's format is not the car's
+    original, blocks = read_copy(recording.names)
+    if original:  # converted: the log's format is not the car's
+        recording = replace(recording, rig=None, blocks=blocks)
     return name, replace(recording, rig=rig, rigs=()) if rig else recording
 
 

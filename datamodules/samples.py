@@ -206,8 +206,7 @@ def recovery_steering(
     0.162
     """
     distance = np.maximum(np.asarray(speed_mph) * MPS_PER_MPH * recover_s, MIN_RECOVERY_M)
-    curvature = -2 * offset_m / (distance**2 + offset_m**2)
-    return np.clip(rig.steering_of(curvature), -1, 1)
+    return np.clip(rig.steering_of(-2 * offset_m / (distance**2 + offset_m**2)), -1, 1)
 
 
 def recovery_distance(offset_m: float, curvature: np.ndarray) -> np.ndarray:
@@ -218,8 +217,7 @@ def recovery_distance(offset_m: float, curvature: np.ndarray) -> np.ndarray:
         curvature: of the arc, 1/m, with any sign [n].
     """
     curvature = np.abs(curvature)
-    straight = curvature == 0
-    squared = 2 * abs(offset_m) / np.where(straight, 1, curvature) - offset_m**2
+    squared = 2 * abs(offset_m) / np.where(curvature == 0, 1, curvature) - offset_m**2
     return np.sqrt(np.maximum(squared, offset_m**2))
 
 

@@ -109,8 +109,7 @@ def block_rows(
         wanted = rate * (blocks.block_s if block_s is None else block_s)
         # Blocks of a short recording are shorter, so that every part gets one.
         lengths.append(int(np.clip(wanted, 1, max(len(recording) // 20, 1))))
-        gap = round(rate * (blocks.gap_s if gap_s is None else gap_s))
-        gaps.append(min(gap, lengths[-1]))
+        gaps.append(min(round(rate * (blocks.gap_s if gap_s is None else gap_s)), lengths[-1]))
     return lengths, gaps
 
 
@@ -174,9 +173,8 @@ def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np
         wanted = shares[number] * sizes.sum()
         if wanted == 0:
             continue
-        reached = np.cumsum(sizes[order[start:]])
         # The count nearest to the share, but one block at least for this and each later part.
-        count = int(np.abs(reached - wanted).argmin()) + 1
+        count = int(np.abs(np.cumsum(sizes[order[start:]]) - wanted).argmin()) + 1
         count = min(count, max(len(sizes) - start - (3 - number), 0))
         part[order[start : start + count]] = number
         start += count
