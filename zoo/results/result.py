@@ -157,8 +157,8 @@ def write_result(folder: Path, result: BenchmarkResult) -> Path:
 
 
 def code_name(code: CodeFacts) -> str:
-    """Return the commit of the code that drove a result, or its hash."""
-    return str(code.get("commit") or code.get("hash") or "unknown")
+    """Return commit and hash of the code that drove a result; changed files share a commit."""
+    return " ".join(str(code[key]) for key in ("commit", "hash") if code.get(key)) or "unknown"
 
 
 def check_distinct(drivers: Sequence[Driver], where: str = "") -> None:
