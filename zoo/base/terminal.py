@@ -42,17 +42,26 @@ def counted(count: float, noun: str, plural: str = "") -> str:
 
 
 def command_line(words: Iterable[object]) -> str:
-    """Return words as a command that a person can read and paste into a shell.
+    """Return words as a command that a person can read and paste into any shell.
+
+    The user's `parts=...` are added to a command that takes them; an ONNX file holds its network.
 
     >>> print(command_line(["drivezoo", "train", "data.root=/a b", "augment=[shift]"]))
     drivezoo train 'data.root=/a b' 'augment=[shift]'
     >>> print(command_line(["drivezoo", "check", "Ann's laps"]))
     drivezoo check "Ann's laps"
     """
-    return " ".join(_quoted(str(word)) for word in words)
+    typed = list(map(str, words))
+    program, name, first, *_ = [*typed, "", "", ""]
+    if program == "drivezoo" and name != "simulator" and not first.endswith(".onnx"):
+        typed += typed_parts()
+    return " ".join(map(_quoted, typed))
 
 
 def _quoted(word: str) -> str:
+    # Within double quotes, PowerShell runs $(...), and cmd.exe replaces %NAME%, perhaps by a quote.
+    if os.name == "nt":
+        word = re.sub(r'["`\u201c-\u201e]|\$(?=[({\w])|%(?=[^%]+%)', "?", word)
     # cmd.exe knows no single quotes; PowerShell splits at commas, and bash drops plain backslashes.
     if os.name == "nt" or ("'" in word and not re.search(r'["$`\\!]', word)):
         word = re.sub(r"\\$", r"\\\\", word)  # else it escapes the quote: D:\
@@ -95,16 +104,14 @@ def guard_rich() -> None:
     marks = (
         "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # of direction
     )
-    for code in [*range(32), *range(127, 160), *map(ord, marks)]:
-        if chr(code) not in "\t\n":
-            table.setdefault(code, printable(chr(code)))
+    for code in {*range(32), *range(127, 160), *map(ord, marks)} - {*map(ord, "\t\n")}:
+        table.setdefault(code, printable(chr(code)))
 
 
 def take_verbosity(arguments: Sequence[str]) -> list[str]:
     """Return the arguments without `-q` and `-v`, and keep the last of these."""
-    for flag in arguments:
-        if flag in FLAGS:
-            os.environ[VARIABLE] = FLAGS[flag]
+    for flag in filter(FLAGS.get, arguments):
+        os.environ[VARIABLE] = FLAGS[flag]
     return [argument for argument in arguments if argument not in FLAGS]
 
 
@@ -152,17 +159,12 @@ def print_written(
 
 
 def print_next(command: str, purpose: str = "", console: "Console | None" = None) -> None:
-    """Print `next: COMMAND`, which can be pasted into any shell, and the purpose below it.
+    """Print `next: COMMAND` and the purpose below it; in zsh a `#` begins no comment.
 
-    In zsh a `#` begins no comment. The user's `parts=...` are added to a command that takes them;
-    an ONNX file holds its network. With `-q` nothing is printed.
+    With `-q` nothing is printed.
     """
     if is_quiet():
         return
-    program, name, first, *_ = [*command.split(), "", ""]
-    takes_parts = name not in ("check", "simulator") and not first.endswith(".onnx")
-    if program == "drivezoo" and takes_parts:
-        command = f"{command} {command_line(typed_parts())}".rstrip()
     _print(f"next: {command}", console)
     if purpose:
         _print(f"      {purpose}", console)

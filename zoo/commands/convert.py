@@ -6,7 +6,6 @@ from pathlib import Path
 from datamodules.format_options import ReadOptions, WriteOptions
 from zoo.base.command import command
 from zoo.base.errors import UsageError, hint
-from zoo.base.parts import typed_parts
 from zoo.base.terminal import (
     command_line,
     counted,
@@ -89,7 +88,7 @@ def convert(
     for note in (*skipped, *chosen, *result.notes):
         print(printable(f"- {note}"))
     print_written([result.folder])
-    following = result.following or ("drivezoo", "check", shown_path(result.folder), *typed_parts())
+    following = result.following or ("drivezoo", "check", shown_path(result.folder))
     print_next(command_line(following), result.purpose)
     return result.folder
 

@@ -12,7 +12,7 @@ from zoo.base.conf_files import choice_files, choices
 from zoo.base.console_progress import loading
 from zoo.base.console_script import LISTED, written_docstring
 from zoo.base.parts import part_of
-from zoo.base.terminal import print_next, printable
+from zoo.base.terminal import command_line, print_next, printable
 from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 
 if TYPE_CHECKING:
@@ -66,7 +66,8 @@ def print_models() -> None:
     console.print(table)
     for name, source in sources.items():
         console.print(f"{name}: {source}", highlight=False)
-    print_next("drivezoo train model=NAME data.root=FOLDER", "train one", console)
+    words = ["drivezoo", "train", "model=NAME", "data.root=FOLDER"]
+    print_next(command_line(words), "train one", console)
 
 
 def zoo_table() -> "tuple[Table, dict[str, str]]":

@@ -12,7 +12,6 @@ from rich.console import Console
 
 from zoo.base.command_keys import typed_keys
 from zoo.base.errors import InputError, StoppedError, UsageError
-from zoo.base.parts import typed_parts
 from zoo.base.process_pool import KilledProcessError
 from zoo.base.run_command import was_stopped
 from zoo.base.terminal import command_line, counted, print_line
@@ -60,7 +59,7 @@ def naming_resume(folder: Path) -> Iterator[None]:
 
 def resume_command(folder: Path) -> str:
     """Return the command that resumes a run."""
-    return command_line(["drivezoo", "train", f"resume={folder}", *typed_parts()])
+    return command_line(["drivezoo", "train", f"resume={folder}"])
 
 
 def kept(folder: Path) -> str:

@@ -13,7 +13,6 @@ from zoo.base.command_keys import typed_keys
 from zoo.base.compose import escape_interpolation, hydra_overrides, plain_dict
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, UsageError
-from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, counted
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import trained_paths
@@ -110,7 +109,7 @@ def _finished_lines(
     if (page := folder / "report" / "index.html").is_file():
         yield f"report: {page}"
     if last.is_file() and (keys := _further(config, epochs)):
-        command = ["drivezoo", "train", f"resume={folder}", *keys, *typed_parts()]
+        command = ["drivezoo", "train", f"resume={folder}", *keys]
         yield f"train further: {command_line(command)}"
     if best.is_file():
         yield f"or start a new run from its weights: model.weights={best}"

@@ -14,7 +14,6 @@ from zoo.base.compose import conf_folder, hydra_overrides, quote
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import is_held, written_folder
 from zoo.base.output_files import check_output
-from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, counted, print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.results.ranking_page import Ranking, wide_console
@@ -118,7 +117,7 @@ def run_sweep(folder: Path, arguments: list[str], finished: bool) -> None:
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
                 _run_hydra([*hydra_overrides(arguments, sweep=True), named])
             except KeyboardInterrupt:
-                words = ["drivezoo", "sweep", f"resume={folder}", *typed_parts()]
+                words = ["drivezoo", "sweep", f"resume={folder}"]
                 words += [word for word in arguments if word.startswith("hydra.sweeper.n_trials=")]
                 again = f"resume with the same command, or: {command_line(words)}"
                 raise StoppedError(f"stopped; {again}") from None
@@ -145,7 +144,7 @@ def conclude(folder: Path) -> None:
         again = "the same command runs them again"
         if records.read_record(folder).search:  # which chooses other values
             words = ["drivezoo", "sweep", f"resume={folder}", "hydra.sweeper.n_trials=NUMBER"]
-            again = f"to add trials: {command_line([*words, *typed_parts()])}"
+            again = f"to add trials: {command_line(words)}"
         raise InputError(
             f"{len(failed)} of {counted(len(folders), 'job')} failed: {reasons}; {again}"
         )

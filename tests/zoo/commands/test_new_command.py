@@ -16,7 +16,7 @@ from tests.zoo.command_runs import ROOT, only_line, run, run_here, succeed
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.trainings import SMALL
 from zoo.base.conf_files import part_folders
-from zoo.base.terminal import print_next
+from zoo.base.terminal import command_line
 from zoo.commands.new import write_part
 
 PACKAGES = ("drivezoo", "zoo", "datamodules", "hydra_plugins")
@@ -139,15 +139,15 @@ def test_an_export_that_is_there_is_not_advised(tmp_path: Path) -> None:
     [
         ("drivezoo drive latest", "drivezoo drive latest parts=my_net.py"),
         ("drivezoo drive model.onnx", "drivezoo drive model.onnx"),
-        ("drivezoo check FOLDER", "drivezoo check FOLDER"),
+        ("drivezoo check FOLDER", "drivezoo check FOLDER parts=my_net.py"),
+        ("drivezoo simulator drive", "drivezoo simulator drive"),
     ],
 )
-def test_the_next_command_has_the_parts_that_it_needs(
-    command: str, printed: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+def test_a_command_to_paste_has_the_parts_that_it_needs(
+    command: str, printed: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.orig_argv", ["drivezoo", "export", "latest", "parts=my_net.py"])
-    print_next(command)
-    assert capsys.readouterr().out == f"next: {printed}\n"
+    assert command_line(command.split()) == printed
 
 
 def test_in_a_checkout_a_part_leaves_the_projects_files_alone(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from zoo.base.command_keys import changed
 from zoo.base.console_progress import loading
 from zoo.base.errors import StoppedError
 from zoo.base.new_folder import command_folder, dated_folder
-from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, print_written, shown_path
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_checkpoint
@@ -52,7 +51,7 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
             rounds = correction.run()
     except (KeyboardInterrupt, StoppedError):
         words = [path, *changed(replace(options, out=shown_path(folder))), *overrides]
-        again = command_line(["drivezoo", "correct", *words, *typed_parts()])
+        again = command_line(["drivezoo", "correct", *words])
         raise StoppedError(f"stopped; finished rounds are kept; resume with: {again}") from None
     console.print(rounds_table(rounds))
     best = best_round(rounds)

@@ -15,7 +15,7 @@ from zoo.base.file_text import yaml_text
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_whole
-from zoo.checkpoints.new_checkpoint import checkpoint_bytes
+from zoo.checkpoints.new_checkpoint import checkpoint_bytes, without_folders
 from zoo.scoring.blocks import Block, Code, Section, to_markdown
 from zoo.scoring.evidence import next_drive
 from zoo.scoring.model_card import Described, card_sections, describe
@@ -147,4 +147,5 @@ def _drive(shared: SharedFile) -> list[Block]:
     file = f"outputs/hub/{repo}/{file}" if repo else file
     data = shared.of.checkpoint.data
     words = next_drive(file, data, ["drive", file, "sim=lake", "laps=1"])
-    return [Code(f"{fetch}{command_line(['drivezoo', *map(str, words)])}")]
+    line = command_line(["drivezoo", *words])  # with the user's parts=, but not their folders
+    return [Code(f"{fetch}{without_folders(line)}")]
