@@ -171,10 +171,10 @@ class BackgroundWriter:
 
     def _moment(self, time_s: float, begins: bool) -> datetime.datetime:
         """Return the time of an image: the first is of now, others are by the drive's own clock."""
-        step_s = max(time_s - self._last_s, LEAST_STEP_S)
-        if begins or time_s < self._last_s:  # as of another simulator
+        step_s = time_s - self._last_s
+        if begins or not 0 <= step_s <= PAUSE_S:  # as of another simulator, or clock
             step_s = PAUSE_S
-        step = datetime.timedelta(seconds=step_s)
+        step = datetime.timedelta(seconds=max(step_s, LEAST_STEP_S))
         last = self._last_moment
         self._last_moment = datetime.datetime.now() if last is None else last + step
         self._last_s = time_s

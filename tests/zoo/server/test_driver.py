@@ -1,5 +1,6 @@
 """Commands of the live page, and the state that it shows."""
 
+import itertools
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -293,6 +294,15 @@ def test_a_simulator_that_begins_anew_does_not_turn_the_clock_back(make: Make) -
         for time, now_s in (("5.0", 10.0), ("5.1", 10.01), ("0.0", 10.02), ("0.1", 10.03))
     ]
     assert rows == sorted(rows)
+
+
+def test_leaps_of_a_simulators_clock_do_not_end_the_recording(make: Make) -> None:
+    driver = make(record=True)
+    session = driver.connect("a")
+    for number, time in itertools.product(range(20), (-1e10, 9e9, 9e9 + 1)):
+        driver.sent(driver.answer(session, frame(2 * number + (time > 9e9), time=time)), 1.0)
+    driver.writer.close({})
+    assert driver.writer.recorded == 40
 
 
 def test_a_picture_that_is_sent_again_is_looked_at_once(make: Make) -> None:
