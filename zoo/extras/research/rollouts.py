@@ -98,12 +98,11 @@ class LeRobotKind:
 
     def read(self, content: Any, path: Path, wanted: Wanted) -> tuple[list[Rollout], list[str]]:
         """Return an episode as a rollout and a task as a scene."""
-        rollouts = []
+        rollouts, name = [], wanted.score or "success"
         for task in content["per_task"]:
-            scores = {name: task["metrics"][key] for name, key in LISTS.items()}
+            scores = {key: task["metrics"][list_key] for key, list_key in LISTS.items()}
             scene = f"{task['task_group']}/{task['task_id']}"
-            values = _score(scores, wanted.score or "success", path)
-            rollouts += [Rollout("", _number(value, path), scene) for value in values]
+            rollouts += [Rollout("", _number(n, path), scene) for n in _score(scores, name, path)]
         return rollouts, []
 
 
@@ -132,13 +131,12 @@ class Bench2DriveKind:
             scores["success"] = float(done and not any(broken))
             scene = record["route_id"].rpartition("_rep")[0] or record["route_id"]
             rollouts.append(Rollout("", _number(_score(scores, name, path), path), scene))
-        notes = []
-        if len(rollouts) != self.routes:
-            notes.append(
-                f"{path}: has {len(rollouts)} rollouts; its own driving score and success rate "
-                f"divide by {self.routes}, those here by what was driven"
-            )
-        return rollouts, notes
+        if len(rollouts) == self.routes:
+            return rollouts, []
+        return rollouts, [
+            f"{path}: has {len(rollouts)} rollouts; its own driving score and success rate "
+            f"divide by {self.routes}, those here by what was driven"
+        ]
 
 
 class TableKind:
@@ -167,6 +165,8 @@ class TableKind:
             texts: Any = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
             row_name = f"line {row.line}" if isinstance(row, Row) else f"rollout {number}"
             where = f"{path}: {row_name}"
+            if columns["policy"] and not texts["policy"]:
+                raise InputError(f"{where}: column {columns['policy']} is empty; name the policy")
             value = _number(_score(row, score, path), where)
             if score == "success" and value not in (0, 1):
                 raise InputError(f"{where}: success is {value:g}, not 0 or 1; name it score")

@@ -332,7 +332,7 @@ def test_a_spreadsheets_separators_are_known(tmp_path: Path, separator: str) -> 
     ("text", "message"),
     [
         ("policy,success\na,1\n", "one policy alone"),
-        ("policy,success\na,1\nb,maybe\n", "line 3.*is no score"),
+        ("policy,success\na,1\nb,0\n,1\n", "line 4: column policy is empty; name the policy"),
         ("policy,success\n\na,1\n\nb,maybe\n", "line 5.*is no score"),
         ("policy;score\na;0,5\nb;1\n", r"line 2: '0,5' is no score; write 0, 1 or 0\.5"),
         ("policy,success\na,2\nb,1\n", "line 2: success is 2, not 0 or 1"),
