@@ -123,3 +123,6 @@ def test_a_printed_command_has_the_only_quotes_of_cmd(monkeypatch: pytest.Monkey
     monkeypatch.setattr("zoo.base.terminal.os", SimpleNamespace(name="nt"))
     words = ["drivezoo", "film", "outputs\\run", "columns=a,b", "fps=15", "out=D:\\"]
     assert command_line(words) == r'drivezoo film "outputs\run" "columns=a,b" fps=15 "out=D:\\"'
+    # A stranger's names: PowerShell and cmd.exe would run their parts within the quotes.
+    names = ['a" & b', "$(b)", "`b", "%a:~-1% & b", "\u201d; b", "C$\\100%"]
+    assert command_line(names) == r'"a? & b" "?(b)" "?b" "?a:~-1% & b" "?; b" "C$\100%"'
