@@ -126,7 +126,7 @@ def read_log(
         check_most("rows", line, log, MANY_ROWS)
         try:
             paths, values = _arrange(fields, order)
-            numbers = _parse_numbers(values, previous_speed)
+            numbers = _parse_numbers(values, previous_speed, unit or SteeringUnit())
             if not (text := "".join(paths)).isascii() or "\0" in text:
                 paths = tuple(map(printable_path, paths))
         except InputError as error:
@@ -317,19 +317,19 @@ def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list
     raise InputError(f"{len(fields)} columns, expected {len(order)} ({','.join(order):.200})")
 
 
-def _parse_numbers(values: list[str], previous_speed: float) -> tuple[float, ...]:
+def _parse_numbers(values: list[str], last_mph: float, unit: SteeringUnit) -> tuple[float, ...]:
     if len(values) == len(NUMBERS):
         with suppress(ValueError):  # three times as fast as a number at a time
             parsed = tuple(map(float, values))
             if math.isfinite(sum(parsed)):
                 return parsed
         return tuple(map(_number, NUMBERS, values))
-    readings = list(_decimal_comma_readings(values))
+    readings = list(_decimal_comma_readings(values, unit))
     if not readings:
         raise InputError(f"{','.join(values)!r:.200} are not the four numbers {','.join(NUMBERS)}")
     return min(
         readings,
-        key=lambda reading: (reading[1] * reading[2] > 0, abs(reading[3] - previous_speed)),
+        key=lambda reading: (reading[1] * reading[2] > 0, abs(reading[3] - last_mph)),
     )
 
 
@@ -343,10 +343,10 @@ def _number(name: str, text: str) -> float:
     raise InputError(f"{name} is {text!r:.80}, not a finite number")
 
 
-def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
+def _decimal_comma_readings(pieces: list[str], unit: SteeringUnit) -> Iterator[tuple[float, ...]]:
     """Yield each way to join neighbouring pieces into four numbers that the simulator could write.
 
-    >>> list(_decimal_comma_readings(["0", "25", "1", "0", "30", "19028"]))
+    >>> list(_decimal_comma_readings(["0", "25", "1", "0", "30", "19028"], SteeringUnit()))
     [(0.25, 1.0, 0.0, 30.19028)]
     """
     for joined in itertools.combinations(range(len(NUMBERS)), len(pieces) - len(NUMBERS)):
@@ -357,7 +357,7 @@ def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
         ]
         if all(map(_NUMBER.match, texts)):
             numbers = tuple(float(text.replace(",", ".")) for text in texts)
-            if not range_fault(numbers):
+            if not range_fault((unit.steering(numbers[0]), *numbers[1:])):
                 yield numbers
 
 

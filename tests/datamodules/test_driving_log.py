@@ -299,6 +299,8 @@ def test_a_log_in_degrees_has_one_remedy_and_is_read_with_it(tmp_path):
         read_text(tmp_path, text)
     rows = read_text(tmp_path, text, None, SteeringUnit("deg", full=25.0, right="negative"))
     assert [row.numbers[0] for row in rows] == [0, -0.08, 0.5]
+    (row,) = read_text(tmp_path, f"{PATHS},12,5,0,5,0,16\n", None, SteeringUnit("deg", full=25.0))
+    assert row.numbers == (0.5, 0.5, 0, 16), "decimal commas"
 
 
 def test_a_header_of_another_format_is_named_with_the_columns_that_are_needed(tmp_path):
