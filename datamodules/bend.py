@@ -5,9 +5,12 @@ through other bends, and back to the line. From the camera's geometry follows ho
 when it bends more, or from another pose.
 """
 
+from typing import Annotated
+
 import cv2
 import numpy as np
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from datamodules.augment import Change
@@ -169,8 +172,7 @@ class Bend(Change):
     def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
         """Bend an image in place."""
         height, width = image.shape[:2]
-        moves = drawn[self.values :, None].astype(np.float32)
-        source = np.arange(width, dtype=np.float32) - moves
+        source = np.arange(width, dtype=np.float32) - drawn[self.values :, None].astype(np.float32)
         rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
         bent = cv2.remap(image, source, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
         image[:] = bent.reshape(image.shape)  # OpenCV drops a last axis of one
@@ -197,7 +199,7 @@ class Pose(Bend):
         curvature, length_m, ahead_m, begun: of the bend, see `Bend`.
         aside_m: largest distance by which the car is moved to either side, metres.
         turn_deg: largest angle by which it is turned to either side about its rear axle, degrees.
-        pursuit_m: distance from the rear axle to the point of the line that it steers to, metres.
+        pursuit_m: metres from the rear axle to the point of the line that it steers to, 1 or more.
         p: probability that a sample is changed, 0..1.
     """
 
@@ -211,7 +213,7 @@ class Pose(Bend):
         begun: Share = 0.5,
         aside_m: Least0 = 1.2,
         turn_deg: Least0 = 8.0,
-        pursuit_m: Least0 = 4.3,
+        pursuit_m: Annotated[float, Field(ge=1)] = 4.3,
         p: Share = 0.7,
     ) -> None:
         super().__init__(curvature, length_m, ahead_m, begun, p)
@@ -236,5 +238,4 @@ class Pose(Bend):
         right_m = right_m + bent_m - aside_m
         seen_ahead_m = ahead_m * np.cos(turn_rad) + right_m * np.sin(turn_rad)
         seen_right_m = right_m * np.cos(turn_rad) - ahead_m * np.sin(turn_rad)
-        curvature = 2 * seen_right_m / (seen_ahead_m**2 + seen_right_m**2)
-        return self.rig.steering_of(curvature)
+        return self.rig.steering_of(2 * seen_right_m / (seen_ahead_m**2 + seen_right_m**2))

@@ -20,6 +20,7 @@ def check(config: dict) -> None:
 
 
 POSE = {"_target_": "datamodules.bend.Pose", "aside_m": -1}
+NEAR_POSE = POSE | {"aside_m": 1, "pursuit_m": 0}
 NOISE = {"_target_": "albumentations.GaussNoise", "std_range": [2, 3]}
 
 
@@ -67,6 +68,7 @@ NOISE = {"_target_": "albumentations.GaussNoise", "std_range": [2, 3]}
         ("data.augment.brightness.p", 2, "data.augment.brightness.p=2: must be a number in 0..1"),
         ("data.augment.brightness.scale", [-1, 1], "must be [a number of 0 or more, a number of 0"),
         ("data.augment.pose", POSE, "pose.aside_m=-1: must be a number of 0 or more"),
+        ("data.augment.pose", NEAR_POSE, "pose.pursuit_m=0: must be a number of 1 or more"),
         ("data.augment.noise", NOISE, "data: std_range Value error, All values in (2.0, 3.0) must"),
         ("trainer.precision", "fp16", "trainer.precision=fp16: must be "),
         ("trainer.max_epochs", -1, "trainer.max_epochs=-1: must be a whole number of 0 or more"),
