@@ -5,12 +5,15 @@ from typing import Annotated
 
 from pydantic import Field
 
+from zoo.base.command_keys import changed
 from zoo.base.errors import UsageError
 from zoo.driving.scenario import Laps, Margin, Scenario, SpeedMph, Throttle
 from zoo.scoring import evaluate_options as scoring
 from zoo.simulator.world_settings import WorldSettings
 
 FIRST_SEED = 1000  # first start seed of drives with corrections; scored drives have 0, 1, ...
+# Keys that a person's corrections do not use.
+OF_EXPERT = ("rounds", "drives", "after_s", "off_m", "beta", "nudge", "expert_speed", "enough_m")
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, le=60)]
@@ -99,3 +102,7 @@ def check_correct_options(options: CorrectOptions) -> None:
     if options.drive is not None and options.recording is not None:
         raise UsageError("drive= and recording= are alternatives; give one of them")
     scoring.check_world(options)
+    unused = (*OF_EXPERT, "weather", "before_s" if options.recording else "")
+    for word in changed(options) if options.by_a_person else []:
+        if word.partition("=")[0] in unused:
+            raise UsageError(f"{word}: a person's corrections do not use it; leave it out")

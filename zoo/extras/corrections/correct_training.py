@@ -40,8 +40,7 @@ def own_config(
             `overridden`.
     """
     trained = checkpoint.config | {"data": trained_data(checkpoint.config, checkpoint.data)}
-    saved = OmegaConf.create(escape_interpolation(trained))
-    config, typed = overridden(saved, overrides)
+    config, typed = overridden(OmegaConf.create(escape_interpolation(trained)), overrides)
     check_saved_config(config, path, trusted, typed)
     if config.data.images is not None:
         raise InputError(

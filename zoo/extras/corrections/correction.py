@@ -155,14 +155,12 @@ class Correction:
 
     def _is_enough(self, last: dict) -> bool:
         """Return whether a checkpoint drives so well that the expert need not correct it."""
-        error_m = mean(last, "cte_mean_m")
-        if self.options.by_a_person or mean(last, "interventions") > 0:
-            return False
-        if error_m > self.options.enough_m:
+        error_m, enough_m = mean(last, "cte_mean_m"), self.options.enough_m
+        if self.options.by_a_person or mean(last, "interventions") or error_m > enough_m:
             return False
         self._print(
             f"it drives without interventions, mean cross-track error {error_m:.2f} m "
-            f"(enough_m={self.options.enough_m:g}): no further round is needed"
+            f"(enough_m={enough_m:g}): no further round is needed"
         )
         return True
 

@@ -57,9 +57,7 @@ def check_person(options: CorrectOptions) -> None:
         return
     takeovers = overrides(read_drive(options.drive), options.before_s)
     if not takeovers:
-        raise InputError(
-            f"{options.drive}: has no takeover, nothing to correct; name another drive"
-        )
+        raise InputError(f"{options.drive}: has no takeover to correct; name another drive")
     if not any(len(takeover.rows) for takeover in takeovers):
         raise InputError(f"{options.drive}: has no images; drive again with record=FOLDER")
 
@@ -164,9 +162,7 @@ def read_labels(path: Path) -> dict[str, float]:
     if bad.faults:
         raise InputError(f"{bad.faults[0]}; write a number in -1..1 in the last column")
     if not labels:
-        raise InputError(
-            f"{path}: the steering column is empty; write numbers in -1..1 where you can"
-        )
+        raise InputError(f"{path}: the steering column is empty; write numbers in -1..1 there")
     return labels
 
 

@@ -59,7 +59,8 @@ from zoo.simulator.weather import CLEAR
 from zoo.training.run import run_experiment
 
 # A few seconds of the lake, with a label for every frame.
-SHORT = ("drives=1", "seeds=1", "workers=1", "epochs=1", "speed=25", "off_m=0")
+PERSON_SHORT = ("seeds=1", "workers=1", "epochs=1", "speed=25")
+SHORT = ("drives=1", "off_m=0", *PERSON_SHORT)
 LAPS = "laps=0.02"
 MODULE = "zoo.extras.corrections.correct"
 
@@ -230,7 +231,7 @@ def overridden(recorded: Written, tmp_path: Path) -> Path:
 
 def test_a_person_fills_in_the_steering(overridden: Path, checkpoint: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    arguments = [checkpoint, *SHORT, LAPS, f"drive={overridden}", "before_s=1", f"out={out}"]
+    arguments = [checkpoint, *PERSON_SHORT, LAPS, f"drive={overridden}", "before_s=1", f"out={out}"]
     with pytest.raises(InputError, match=r"labels\.csv: .*last column .*interpolated"):
         correct.main(arguments)
     with pytest.raises(InputError, match=r"labels\.csv: .*steering column"):
@@ -264,7 +265,8 @@ def test_a_person_fills_in_the_steering(overridden: Path, checkpoint: str, tmp_p
 
 def test_a_persons_recording_is_renamed(recorded: Written, checkpoint: str, tmp_path: Path) -> None:
     """Two recordings of one simulator can have the same file names."""
-    correct.main([checkpoint, *SHORT, LAPS, f"recording={recorded.folder}", f"out={tmp_path}/out"])
+    said = f"recording={recorded.folder}"
+    correct.main([checkpoint, *PERSON_SHORT, LAPS, said, f"out={tmp_path}/out"])
     recording = read_recordings(str(tmp_path / "out" / "round-1" / "recording"))
     assert recording.steering.tolist() == recorded.steering.tolist()
     assert recording.time_s.tolist() == recorded.time_s.tolist()
@@ -325,10 +327,12 @@ def test_what_a_config_says_of_its_recordings_is_not_said_of_corrections() -> No
         ("data.root=nowhere", "data.root=FOLDER"),
         ("drive=nowhere", "nowhere: "),
         ("recording=nowhere", "nowhere: "),
+        ("drive=nowhere rounds=5", "rounds=5"),
+        ("recording=nowhere before_s=2", "before_s=2"),
     ],
 )
 def test_a_mistake_writes_nothing(option: str, text: str, checkpoint: str, tmp_path: Path) -> None:
-    assert text in refusal(correct.main, [checkpoint, option, f"out={tmp_path / 'out'}"])
+    assert text in refusal(correct.main, [checkpoint, *option.split(), f"out={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()
 
 
