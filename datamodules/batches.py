@@ -46,8 +46,7 @@ class TrainingBatches(Dataset):
         samples, shard = self.samples, key.own
         mirrored, steering, throttle, seed = self.draw(key)
         images = self.views.take(*samples.frames(shard), mirrored)
-        share = (key.share.start, len(key.samples))
-        self.augment.in_place(images, steering, seed, share)
+        self.augment.in_place(images, steering, seed, (key.share.start, len(key.samples)))
         return make_batch(images, steering, throttle, samples.speed_mph[shard])
 
     def steering(self, key: BatchKey) -> np.ndarray:
@@ -98,8 +97,7 @@ class EvaluationBatches(Dataset):
     def sides(self) -> tuple["EvaluationBatches", "EvaluationBatches"]:
         """Return the left and the right images of rows whose side images are all loaded."""
         loaded = self.views.file[self.windows.frames(self.rows)][..., [LEFT, RIGHT]] >= 0
-        seen = loaded.all(axis=tuple(range(1, loaded.ndim)))
-        both = replace(self, rows=self.rows[seen])
+        both = replace(self, rows=self.rows[loaded.all(axis=tuple(range(1, loaded.ndim)))])
         return replace(both, camera=LEFT), replace(both, camera=RIGHT)
 
     @property

@@ -76,6 +76,9 @@ def split_rows(
         raise InputError(
             f"data.split={kind} is not one of {', '.join(KINDS)}, nor a file with image,part rows"
         )
+    first: dict[str, int] = {}  # a repeated image's rows are all of one part
+    images = enumerate(recording.images[:, 0])
+    part = part[[first.setdefault(str(image or row), row) for row, image in images]]
     split = Split(*(np.flatnonzero(part == number) for number in range(3)))
     if not len(split.train):
         raise InputError(f"data.split={kind} leaves no rows to train on; record more driving")

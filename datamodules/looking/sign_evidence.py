@@ -90,8 +90,7 @@ def _pairs(recording: Recording) -> np.ndarray:
     in_files = isinstance(recording.images[0, 0], str)
     last = len(recording) - 1 if in_files else min(len(recording) - 1, FORWARD_ROWS)
     rows = np.flatnonzero(~find_breaks(recording)[:last])
-    chosen = np.linspace(0, len(rows) - 1, min(PAIRS, len(rows))).astype(int)
-    return rows[np.unique(chosen)]
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(PAIRS, len(rows))).astype(int))]
 
 
 def _turn(recording: Recording, row: int) -> float:

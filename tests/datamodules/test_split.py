@@ -170,6 +170,14 @@ def test_a_written_split_of_recordings_whose_images_have_the_same_names_reads_ba
         split_rows(both, write_rows(tmp_path / "0.csv", ambiguous))
 
 
+def test_the_rows_of_a_recording_that_is_named_twice_are_of_one_part(small, tmp_path):
+    twice = read_recordings([*small.names, *small.names])
+    split = split_rows(twice, "random")
+    write_split(tmp_path / "split.csv", twice, split)
+    again = split_rows(twice, str(tmp_path / "split.csv"))
+    np.testing.assert_array_equal(again.train, split.train)
+
+
 def test_the_gap_is_as_long_in_recordings_of_each_frame_rate():
     recording = recording_in_memory(np.zeros(4_000), sizes=(2_000, 2_000))
     recording.time_s[2_000:] = 9_000 + np.arange(2_000) / 60
