@@ -6,7 +6,6 @@ import re
 import shutil
 from itertools import zip_longest
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import torch
@@ -51,7 +50,7 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture(autouse=True)
 def _forked_reruns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `rerun`, called in this process, train in a fork."""
-    monkeypatch.setattr("zoo.commands.rerun.subprocess", SimpleNamespace(run=train_in_fork))
+    monkeypatch.setattr("zoo.commands.rerun.run_module", train_in_fork)
 
 
 @pytest.fixture

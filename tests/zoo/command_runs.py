@@ -18,7 +18,6 @@ from unittest import mock
 import pytest
 
 from tests.zoo.forked_commands import ForkedCommands, ForkedProcess
-from zoo.base.child_process import module_command
 
 ROOT = Path(__file__).parents[2]
 Zoo = Callable[..., subprocess.CompletedProcess]  # of the fixture
@@ -110,13 +109,9 @@ def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedP
     return subprocess.run(words, cwd=cwd, env=env, timeout=240, **CAPTURED)
 
 
-def train_in_fork(
-    words: list[str], env: dict[str, str], cwd: Path, check: bool
-) -> subprocess.CompletedProcess:
-    """Stand in for the `subprocess.run` of `drivezoo rerun`, which takes seconds to import."""
-    assert words[:3] == module_command("zoo")
-    assert not check
-    return run(cwd, *words[3:], threads=env["OMP_NUM_THREADS"])
+def train_in_fork(module: str, *arguments: str, env: dict[str, str], cwd: Path) -> int:
+    """Stand in for the `run_module` of `drivezoo rerun`, which takes seconds to import."""
+    return run(cwd, *arguments, module=module, threads=env["OMP_NUM_THREADS"]).returncode
 
 
 def start(cwd: Path, module: str, *arguments: str) -> subprocess.Popen | ForkedProcess:

@@ -10,6 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from zoo.base.errors import StoppedError
+
 PARENT = "DRIVEZOO_PARENT"  # environment variable of a child: its parent's process id
 LOOK_S = 0.5
 GRACE_S = 5.0  # to close files after SIGTERM
@@ -43,11 +45,35 @@ def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Pop
     return subprocess.Popen(module_command(module, *arguments), **options)
 
 
+def run_module(module: str, *arguments: str, env: dict[str, str], **options: Any) -> int:
+    """Run a module of drivezoo to its end; return its exit status.
+
+    Args:
+        module: module's name.
+        *arguments: its arguments.
+        env: further environment variables.
+        options: those of `subprocess.Popen`.
+
+    Raises:
+        StoppedError: Ctrl-C; the child, which gets it too, has printed what it keeps.
+    """
+    words = module_command(module, *arguments)
+    child = subprocess.Popen(words, env=child_environment() | env, **options)
+    try:
+        if (status := child.wait()) not in (130, -signal.SIGINT):
+            return status
+    except KeyboardInterrupt:  # where `subprocess.run` kills the child
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(6 * GRACE_S)  # it may complete a checkpoint
+        end_module(child)
+    raise StoppedError("stopped; see above")
+
+
 def end_module(process: subprocess.Popen, grace_s: float = GRACE_S) -> None:
     """End a child process, after some seconds also one that does not react to Ctrl-C."""
-    if process.poll() is None:  # as after Ctrl-C, so that it completes its files
-        with suppress(OSError):  # Windows, where this process has no terminal
-            process.send_signal(getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))
+    with suppress(OSError):  # Windows, where this process has no terminal
+        # As after Ctrl-C, so that it completes its files.
+        process.send_signal(getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))
     try:
         process.wait(grace_s)
     except subprocess.TimeoutExpired:

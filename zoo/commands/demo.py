@@ -1,20 +1,17 @@
 """`drivezoo demo`: run the whole chain: record, train, score, report, drive, film."""
 
 import datetime
-import subprocess
 import time
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from zoo.base.child_process import child_environment, module_command
+from zoo.base.child_process import run_module
 from zoo.base.command import command
 from zoo.base.console_script import commands
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line, print_written
-
-SPEED_MPH = 25
 
 
 @command
@@ -49,31 +46,22 @@ def demo() -> None:
             "sim=lake",
             "laps=0.5",
             "port=0",
-            f"speed.set_mph={SPEED_MPH}",
+            "speed.set_mph=25",
             f"record={drive}",
         ],
         "film it": ["film", str(drive), f"out={run / 'drive.mp4'}", "fps=30"],
     }
     table, modules = Table("stage", "seconds"), commands()
     for stage, words in stages.items():
-        typed = command_line(["drivezoo", *words])
-        console.print(f"\n> {typed}", highlight=False, markup=False)
+        console.print(f"\n> {command_line(['drivezoo', *words])}", highlight=False, markup=False)
         began = time.perf_counter()
-        process = module_command(modules[words[0]], *words[1:])
-        if subprocess.run(process, env=child_environment(), check=False).returncode:
+        if run_module(modules[words[0]], *words[1:], env={}):
             raise InputError(f"could not {stage}; see the error above")
         table.add_row(stage, f"{time.perf_counter() - began:.0f}")
     console.print(table)
-    written: list[str | Path] = [
-        best,
-        run / "drive.mp4",
-        run / "report" / "index.html",
-        run / "metrics.json",
-        run / "drives" / "lake-0" / "track.png",
-        drive,
-    ]
-    # With score=none there are no drives.
-    there = [path for path in written if Path(path).exists()]
+    names = ("drive.mp4", "report/index.html", "metrics.json", "drives/lake-0/track.png", "drive")
+    there: list[str | Path] = [best]
+    there += [run / name for name in names if (run / name).exists()]
     print_written(there, ["drive", best, "sim=lake"], console)
 
 

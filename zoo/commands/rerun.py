@@ -1,19 +1,18 @@
 """`drivezoo rerun`: repeat a run and compare the figures."""
 
 import shutil
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from zoo.base.child_process import child_environment, module_command
+from zoo.base.child_process import run_module
 from zoo.base.command import command
 from zoo.base.compose import escape_interpolation
 from zoo.base.errors import InputError, StoppedError, file_errors
 from zoo.base.new_folder import command_folder, dated_folder
 from zoo.base.parts import typed_parts
-from zoo.base.terminal import print_written
+from zoo.base.terminal import command_line, print_written
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
@@ -26,6 +25,7 @@ COMPARED = (
     *("side_response", "drive", "closed_loop", "choice", "leak", "data"),
 )
 Difference = tuple[str, object, object]  # key in metrics.json, and its values then and now
+CONFIG = ".hydra/config.yaml"
 TIMED = ("latency_ms", "in_training")
 
 
@@ -44,13 +44,11 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     Raises:
         InputError: the run is not finished, its config names a class that is not trusted, its
             recording changed, or `out` is not empty; or figures differ, after they are printed.
-        StoppedError: the user pressed Ctrl-C; the training printed the command that resumes.
+        StoppedError: on Ctrl-C; names the command that resumes.
     """
     source = find_run(run)
-    if not (source / "metrics.json").is_file() or not (source / ".hydra/config.yaml").is_file():
-        raise InputError(
-            f"{source}: has no metrics.json or .hydra/config.yaml; name a finished run"
-        )
+    if not (source / "metrics.json").is_file() or not (source / CONFIG).is_file():
+        raise InputError(f"{source}: has no metrics.json or {CONFIG}; name a finished run")
     from zoo.runs.metrics_file import read_metrics_file
 
     refuse_links_out(source)
@@ -62,11 +60,21 @@ def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
     is_auto = OmegaConf.select(config, "trainer.precision") == AUTO
     if is_auto and then.get("precision") in (FULL, HALF):
         config.trainer.precision = then["precision"]  # configs of older versions say auto
-    with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
-        with file_errors(f"out={folder}", "cannot write there ({})"):
-            shutil.copytree(source / ".hydra", folder / ".hydra")
-            OmegaConf.save(config, folder / ".hydra" / "config.yaml")
-        _train(folder, place_of(source), trusted, then.get("threads"))
+    folder = Path(out or dated_folder("reruns")).resolve()
+    saved, text = folder / CONFIG, OmegaConf.to_yaml(config)
+    begun = saved.is_file() and saved.read_text(encoding="utf-8", errors="replace") == text
+    begun = begun and not (folder / "metrics.json").exists()
+    with command_folder(folder, "reruns", resumed_by=CONFIG if begun else ""):
+        if not begun:
+            with file_errors(f"out={folder}", "cannot write there ({})"):
+                shutil.copytree(source / ".hydra", folder / ".hydra")
+                saved.write_text(text, encoding="utf-8")
+        try:
+            _train(folder, place_of(source), trusted, then.get("threads"))
+        except StoppedError:
+            keys = [f"out={folder}", *([f"{TRUST}={trust}"] if trust else [])]
+            again = f"resume and compare with: {command_line(['drivezoo', 'rerun', source, *keys])}"
+            raise StoppedError(f"stopped; {again}") from None
         _report(then, read_metrics_file(folder), folder)
 
 
@@ -120,24 +128,17 @@ def _train(out: Path, place: Path, trusted: Sequence[str], threads: int | None) 
 
     The process runs in `place`, where relative paths begin; it imports nothing from there.
     """
-    environment = child_environment()
-    if threads:
-        environment["OMP_NUM_THREADS"] = str(threads)
     words = typed_parts() if place == Path.cwd() else []  # printed; their paths begin here
-    command = module_command("zoo", f"resume={out}", *words)
     if trusted:
-        command.append(f"{TRUST}={','.join(trusted)}")
-    status = subprocess.run(command, env=environment, cwd=place, check=False).returncode
-    if status == 130:
-        raise StoppedError("stopped; the finished epochs are kept (see above)")
-    if status:
+        words.append(f"{TRUST}={','.join(trusted)}")
+    variables = {"OMP_NUM_THREADS": str(threads)} if threads else {}
+    if run_module("zoo", f"resume={out}", *words, env=variables, cwd=place):
         raise InputError(f"{out}: the repeated run failed (see above)")
 
 
 def _report(then: dict, now: dict, out: Path) -> None:
     for package, number in (then.get("versions") or {}).items():
-        other = now["versions"].get(package)
-        if other != number:
+        if (other := now["versions"].get(package)) != number:
             print(f"version of {package}: {number} then, {other} now")
     if then.get("code") and then["code"]["hash"] != now["code"]["hash"]:
         print(f"the code differs: {_code(then['code'])} then, {_code(now['code'])} now")

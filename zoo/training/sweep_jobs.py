@@ -2,8 +2,6 @@
 
 import contextlib
 import multiprocessing
-import signal
-import subprocess
 import sys
 import threading
 import time
@@ -21,7 +19,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf, open_dict
 from rich.console import Console
 
-from zoo.base.child_process import child_environment, module_command
+from zoo.base.child_process import run_module
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.process_ranks import needs_processes
@@ -291,17 +289,13 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> None:
     The command of this process is the sweep's: Lightning would start the whole sweep again.
     """
     # `resume=` works for a new job, too: Hydra has written the job's config to its folder.
-    command = module_command("zoo", f"resume={folder}")
+    words = [f"resume={folder}"]
     if trusted := [refusal.trust for refusal in find_refusals(config)]:  # this sweep composed them
-        command.append(f"{TRUST}={','.join(trusted)}")
-    environment = child_environment() | {"PYTHONIOENCODING": sys.stdout.encoding}
-    result = subprocess.run(command, env=environment, stdout=sys.stdout, stderr=sys.stderr)
-    if result.returncode in (130, -signal.SIGINT):
-        raise StoppedError("stopped")
-    if result.returncode:
-        status = read_status(folder)
-        died = f"its process ended with {result.returncode}"
-        raise RuntimeError(status["reason"] if status.get("status") == "failed" else died)
+        words.append(f"{TRUST}={','.join(trusted)}")
+    encoding = {"PYTHONIOENCODING": sys.stdout.encoding}
+    if code := run_module("zoo", *words, env=encoding, stdout=sys.stdout, stderr=sys.stderr):
+        died = f"its process ended with {code}"
+        raise RuntimeError(read_status(folder).get("reason", died))
 
 
 @contextlib.contextmanager

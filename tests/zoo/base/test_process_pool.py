@@ -16,7 +16,7 @@ import pytest
 
 from tests.zoo.command_runs import ROOT, environment, run_words
 from zoo.base import child_process, machine, process_pool
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.process_pool import Pool, opened_pool, run_jobs
 
 
@@ -205,6 +205,17 @@ def test_a_command_ends_with_the_command_that_started_it(number: int) -> None:
     # The pipe ends when the child has ended, too.
     assert parent.communicate(timeout=60)[0] == b""
     assert parent.returncode == -number
+
+
+SAVE = "import os, time; os.kill(os.getppid(), 2); time.sleep(0.8); open('saved', 'w')"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
+def test_ctrl_c_leaves_a_child_time_to_save(monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(child_process, "module_command", lambda _: [sys.executable, "-c", SAVE])
+    with pytest.raises(StoppedError):
+        child_process.run_module("zoo", env={}, cwd=tmp_path)
+    assert (tmp_path / "saved").exists()
 
 
 def test_a_process_that_another_one_started_is_left_alone() -> None:

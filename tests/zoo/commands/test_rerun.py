@@ -3,7 +3,7 @@
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -12,6 +12,7 @@ from tests.refusals import refusal
 from tests.zoo.command_runs import only_line, run_here, train_in_fork
 from tests.zoo.sweeps import write_run
 from tests.zoo.training.test_sweep_command import SMALL
+from zoo.base.errors import StoppedError
 from zoo.base.run_command import run_command
 from zoo.commands.rerun import _report, _train, differences, rerun
 from zoo.commands.train import train_or_sweep as zoo
@@ -36,8 +37,10 @@ def test_a_run_is_repeated_to_the_digit(
     assert run_command("zoo", zoo, arguments) == 0
     metrics = json.loads((folder / "metrics.json").read_text())
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("zoo.commands.rerun.subprocess", SimpleNamespace(run=train_in_fork))
-    capsys.readouterr()
+    monkeypatch.setattr("zoo.commands.rerun.run_module", Mock(side_effect=StoppedError))
+    assert run_command("zoo.commands.rerun", rerun.main, ["run", "out=again"]) == 130
+    assert f"drivezoo rerun run out={tmp_path / 'again'}" in capsys.readouterr().err
+    monkeypatch.setattr("zoo.commands.rerun.run_module", train_in_fork)
 
     assert run_command("zoo.commands.rerun", rerun.main, ["run", "out=again"]) == 0
 
@@ -85,17 +88,12 @@ def test_the_training_gets_the_typed_parts_where_their_paths_begin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It prints the next commands."""
-    commands = []
-
-    def note(command: list[str], **_: object) -> SimpleNamespace:
-        commands.append(command)
-        return SimpleNamespace(returncode=0)
-
-    monkeypatch.setattr("zoo.commands.rerun.subprocess", SimpleNamespace(run=note))
+    ran = Mock(return_value=0)
+    monkeypatch.setattr("zoo.commands.rerun.run_module", ran)
     monkeypatch.setattr("sys.orig_argv", ["drivezoo", "rerun", "run", "parts=my_net.py"])
     for place in (Path.cwd(), tmp_path):
         _train(Path("out"), place, (), None)
-    assert ["parts=my_net.py" in command for command in commands] == [True, False]
+    assert ["parts=my_net.py" in call.args for call in ran.call_args_list] == [True, False]
 
 
 @pytest.mark.parametrize("key", ["side_response", "choice", "train_samples"])

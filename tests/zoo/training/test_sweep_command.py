@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import psutil
@@ -236,8 +235,8 @@ def test_a_job_on_two_devices_does_not_start_the_sweep_again(
 
 
 def test_a_job_on_two_devices_prints_its_log_in_utf_8(tmp_path: Path, monkeypatch) -> None:
-    ran = Mock(return_value=SimpleNamespace(returncode=0))
-    monkeypatch.setattr("subprocess.run", ran)
+    ran = Mock(return_value=0)
+    monkeypatch.setattr(sweep_jobs, "run_module", ran)
     with sweep_jobs._output_to(tmp_path / "log.txt"):
         sweep_jobs._train_in_subprocess(OmegaConf.create(), tmp_path)
     assert ran.call_args.kwargs["env"]["PYTHONIOENCODING"] == "utf-8"
