@@ -122,11 +122,12 @@ class Correction:
         corrections = [self.folder / f"round-{done}" / "recording" for done in range(1, number + 1)]
         start, split = last["checkpoint"], folder / "split.csv"
         config = training_config(self.config, options, corrections, start, own_split, split)
+        samples = config.data.get("samples_per_epoch") or "all"  # fewer after quick=true
         self._print(
             f"round {number}: {counted(rows, 'row')} of corrections "
             f"({time.perf_counter() - began:.0f} s); training {counted(options.epochs, 'epoch')} "
-            f"on them and on {last['corrections']:,} earlier ones, drawn {options.weight:g} times "
-            "as often as other rows"
+            f"of {samples} samples on them and on {last['corrections']:,} earlier ones, drawn "
+            f"{options.weight:g} times as often as other rows"
         )
         checkpoint = train_round(config, folder / "run", self.run_folder)
         self._finish(number, str(checkpoint), last["corrections"] + rows)

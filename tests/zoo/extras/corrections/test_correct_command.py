@@ -79,7 +79,7 @@ def checkpoint(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> s
     folder = tmp_path_factory.mktemp("run")
     more = [f"data.root={recorded.folder}", "data.cache=null", "logger=csv"]
     more += ["schedule=cosine", "schedule.T_max=9", "trainer.accelerator=cpu"]
-    overrides = [*SMALL, *more, "trainer.max_epochs=1"]
+    overrides = [*SMALL, *more, "trainer.max_epochs=1", "quick=true", "quick_samples=300"]
     run_experiment(OmegaConf.create(compose_config(overrides)), folder)
     return str(folder / "checkpoints" / "best.ckpt")
 
@@ -155,6 +155,7 @@ def test_a_command_resumes_after_a_round(corrected: Path, checkpoint: str, tmp_p
     options = (*SHORT, LAPS, "rounds=2", f"out={folder}")
     printed = succeed(run_here(tmp_path, checkpoint, *options, module=MODULE))
     assert "after round 0" in printed
+    assert "1 epoch of 300 samples" in printed
     assert first.stat().st_mtime_ns == trained, "it was trained twice"
     assert [row["number"] for row in rounds_of(folder)] == [0, 1, 2]
     assert rounds_of(folder)[0]["checkpoint"] == checkpoint
