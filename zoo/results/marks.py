@@ -7,6 +7,7 @@ A suite's file has them by group: `marks: {like: {autonomy: 0.9, cte_mean_m: 0.8
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,9 +114,8 @@ def missed_line(reached: Sequence[Reached]) -> str:
             figure, required, value = mark.texts
             remedy = f" ({DRIVE_MORE})" if mark.status == OPEN else ""
             missed.append(f"{mark.group}: {figure} is {value}, must be {required}{remedy}")
-    return (
-        f"{len(missed)} of {len(reached)} marks not reached: {'; '.join(missed)}" if missed else ""
-    )
+    counts = f"{len(missed)} of {len(reached)} marks not reached"
+    return f"{counts}: {'; '.join(missed)}" if missed else ""
 
 
 def verdict(reached: Sequence[Reached]) -> str:
@@ -216,7 +216,7 @@ def failures(result: BenchmarkResult, reached: Sequence[Reached]) -> dict[str, i
 
 def failure_folder(folder: Path, group: str) -> Path:
     """Return the folder of a group's worst drive in that of a result."""
-    return folder / FAILURES / group.replace(" ", "_")
+    return folder / FAILURES / re.sub(r"[^\w-]", "_", group)  # a stranger's suite may name ../..
 
 
 def _missed_groups(reached: Sequence[Reached]) -> list[str]:

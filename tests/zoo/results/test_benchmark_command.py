@@ -315,10 +315,14 @@ def test_the_page_shows_names_as_text(suite: Path, tmp_path: Path) -> None:
 
 
 def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None:
-    suite = write_suite(tmp_path, marks={"like": {"autonomy": 0.9}})
+    mark = {"autonomy": 0.9}
+    suite = write_suite(tmp_path, marks={"like": mark, "../../looks": mark})
+    suite.write_text(suite.read_text().replace('"looks"', '"../../looks"'))  # a stranger's
     assert "marks not reached" in refusal(drive, ["mean"], suite, tmp_path / "mean")
     names = {path.name for path in (tmp_path / "mean").iterdir() if path.name[0] != "."}
     assert names == {NAME, PAGE, "marks.json", "marks.html", "failures"}
+    folders = sorted(path.name for path in (tmp_path / "mean" / "failures").iterdir())
+    assert folders == ["______looks", "like"]
     assert "data:image/jpeg" in (tmp_path / "mean" / "marks.html").read_text()
     drive(["expert"], suite, tmp_path / "expert")
 
