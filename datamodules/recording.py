@@ -150,6 +150,12 @@ class Recording:
         moving = set(self.recording[self.speed_mph != 0].tolist())
         return [name for number, name in enumerate(self.names) if number not in moving]
 
+    @property
+    def known_speed_mph(self) -> np.ndarray:
+        """Return the speed; NaN in the recordings `without_speed`, which may lack the column."""
+        moving = self.recording[self.speed_mph != 0]
+        return np.where(np.isin(self.recording, moving), self.speed_mph, np.nan)
+
     def keep(self, mask: np.ndarray, bad_images: tuple[str, ...] = ()) -> "Recording":
         """Return the rows of `mask` (bool [N]); add `bad_images` to the skipped ones."""
         columns = {name: column[mask] for name, column in self.columns.items()}

@@ -97,11 +97,11 @@ def _centre_only(recording: Recording) -> Iterator[str]:
 
 
 def _no_speed(recording: Recording) -> Iterator[str]:
-    if recording.without_speed:
+    if unknown := ", ".join(recording.without_speed):
         replay = "; replay it with the speed of the car: drivezoo replay CKPT FOLDER speed=9"
         yield (
-            f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
-            "data.recover_s and networks that take or predict a speed cannot use it"
+            f"the speed of {unknown} is unknown (missing, or 0 in each row): data.recover_s and "
+            "networks that take or predict a speed cannot use it"
             f"{'' if None in recording.each_rig else replay}"
         )
 
@@ -126,14 +126,11 @@ def _two_speeds(recording: Recording) -> Iterator[str]:
     second = _usual_speed(far)
     shares = [np.mean(np.abs(speed - peak) <= SPEED_WINDOW_MPH / 2) for peak in (first, second)]
     if shares[1] >= SECOND_SPEED_SHARE and sum(shares) >= SPEEDS_SHARE:
-        by_rig = (
-            ""
-            if None in recording.each_rig
-            else "set data.recover_s=2, which uses each row's speed, or "
-        )
+        by_rig = "set data.recover_s=2, which uses each row's speed, or "
         yield (
             f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at "
-            f"about {second:.0f}: one data.offset fits only one speed; {by_rig}record at one speed"
+            f"about {second:.0f}: one data.offset fits only one speed; "
+            f"{'' if None in recording.each_rig else by_rig}record at one speed"
         )
 
 
@@ -232,7 +229,7 @@ class RecordingReport:
         fps: rows of a second, without gaps; NaN without times.
         gaps: times over a second between rows.
         zero_share: share of rows whose steering is exactly 0: a keyboard gives many.
-        mean_speed_mph: mean of the speed.
+        mean_speed_mph: mean of the speed; NaN if it is unknown.
     """
 
     name: str
@@ -261,7 +258,7 @@ def _report(recording: Recording, name: str) -> RecordingReport:
         fps=float(1 / driven.mean()) if driven.any() else float("nan"),
         gaps=int(find_breaks(recording).sum()),
         zero_share=float((recording.steering == 0).mean()) if len(recording) else float("nan"),
-        mean_speed_mph=float(recording.speed_mph.mean()) if len(recording) else float("nan"),
+        mean_speed_mph=float(recording.known_speed_mph.mean()) if len(recording) else float("nan"),
     )
 
 
@@ -273,12 +270,14 @@ def report_lines(recording: Recording) -> list[str]:
         if np.isfinite(report.seconds):
             gaps = counted(report.gaps, "gap")
             timing = f"{report.seconds:.0f} s at {report.fps:.1f} frames/s, {gaps}"
+        mph = report.mean_speed_mph
+        speed = "speed unknown" if np.isnan(mph) else f"mean {mph:.1f} mph"
         seen = report.side_cameras
         some = f" in {counted(seen, 'row')}" if seen < report.rows else ""
         sides = f"3 cameras{some}" if report.side_cameras else "centre camera only"
         lines.append(
             f"{report.name}: {counted(report.rows, 'row')}, {sides}, {timing}, "
-            f"{report.zero_share:.0%} of steering exactly 0, mean {report.mean_speed_mph:.1f} mph"
+            f"{report.zero_share:.0%} of steering exactly 0, {speed}"
         )
     return [*lines, *recording.notes, *skipped_lines(recording)]
 

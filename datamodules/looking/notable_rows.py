@@ -45,7 +45,7 @@ def steering_jumps(recording: Recording) -> list[NotableRow]:
 
 def standstills(recording: Recording) -> list[NotableRow]:
     """Return the first rows of the longest standstills; values are numbers of rows."""
-    still = true_runs(recording.speed_mph < LEAST_SPEED_MPH)
+    still = true_runs(recording.known_speed_mph < LEAST_SPEED_MPH)
     longest = sorted(still, key=lambda run: run[0] - run[1])[:MOST_ROWS]
     return [NotableRow(first, float(end - first)) for first, end in longest]
 
@@ -62,16 +62,14 @@ def odd_frames(recording: Recording, differences: np.ndarray) -> list[NotableRow
         differences: see `frame_difference`, of each row from the row before; NaN where unknown,
             infinity for a row whose image cannot be read; float [N].
     """
-    bad = np.isposinf(differences)
     before = np.where(np.isfinite(differences), differences, np.nan)
     before[1:][find_breaks(recording)] = np.nan
     after = np.append(before[1:], np.nan)
     alone = np.fmin(before, after)
     alone[np.isnan(before) | np.isnan(after)] = np.nan
-    around = max(FEWEST_AROUND, round(rows_per_second(recording)))
-    usual = _running_median(before, around)
+    usual = _running_median(before, max(FEWEST_AROUND, round(rows_per_second(recording))))
     ratio = np.nan_to_num(alone / np.maximum(usual, 1.0))
-    ratio[bad] = np.inf
+    ratio[np.isposinf(differences)] = np.inf
     return _strongest(recording, ratio, LEAST_RATIO, ratio)
 
 

@@ -69,7 +69,11 @@ ODDITIES = [
         recording_in_memory(SMOOTH, TWO_SPEEDS),
         r"^60% of rows are driven at about 30 mph, 40% at about 15.*data\.recover_s",
     ),
-    ("no_speed", recording_in_memory(SMOOTH, np.zeros(2_000)), "0 mph in each row of.*speed="),
+    (
+        "no_speed",
+        recording_in_memory(SMOOTH, np.zeros(2_000)),
+        "^the speed of .* is unknown.*speed=",
+    ),
     ("centre_only", recording_in_memory(SMOOTH, cameras=("center",)), r"augment=\[shift\]"),
     ("few_rows", SMOOTH[: FEW_ROWS - 1], rf"\b{FEW_ROWS - 1} rows.*quick=true"),
     ("one_direction", SMOOTH + 0.2, r"to the right.*data\.flip"),
@@ -260,6 +264,14 @@ def test_rows_without_times_have_no_seconds():
     (report,) = report_recordings(recording)
     assert np.isnan([report.seconds, report.fps]).all()
     assert "driven time unknown" in report_lines(recording)[0]
+
+
+def test_a_speed_that_no_row_has_is_unknown_and_no_standstill():
+    mixed = recording_in_memory(np.zeros(4), np.array([0, 0, 0, 9]))
+    mixed = replace(mixed, names=("a", "b"), recording=np.array([0, 0, 1, 1]))
+    speeds = [line.rpartition(", ")[2] for line in report_lines(mixed)]
+    assert speeds == ["speed unknown", "mean 4.5 mph"]
+    assert [(stop.row, stop.value) for stop in standstills(mixed)] == [(2, 1)]
 
 
 def test_a_line_a_recording_says_it_all(tmp_path):

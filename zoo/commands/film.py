@@ -176,8 +176,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
 def _shots_of_recording(folder: Path, faults: list[str], said: dict) -> list[Shot]:
     log = read_recordings(str(folder), **said | {"on_bad_image": "skip"})
     faults += log.bad_images
-    speed_mph = np.full(len(log), np.nan) if log.without_speed else log.speed_mph
-    columns = log.time_s, log.steering, log.throttle - log.brake, speed_mph
+    columns = log.time_s, log.steering, log.throttle - log.brake, log.known_speed_mph
     states = np.stack(columns, axis=1).tolist()
     return [
         Shot(path, time_s, Overlay(steering, throttle, mph, rig=log.rig))

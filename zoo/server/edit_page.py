@@ -63,8 +63,8 @@ class EditPage(ServedPage):
 
     def _columns(self) -> bytes:
         """Return steering, speed in mph and seconds since the first row, float32 [3, N]."""
-        recording = self.recording
-        columns = (recording.steering, recording.speed_mph, recording.time_s - recording.time_s[0])
+        steering, time_s = self.recording.steering, self.recording.time_s
+        columns = (steering, self.recording.known_speed_mph, time_s - time_s[0])
         return np.stack(columns).astype("<f4").tobytes()
 
     def _predicted(self, query: dict) -> Answer:

@@ -105,7 +105,7 @@ function showRow() {
   text("time", about.times ? clock(data.time[row]) : dash);
   text("steering", signed(steering, 3));
   text("predicted", Number.isNaN(predicted) ? dash : signed(predicted, 3));
-  text("speed", data.speed[row].toFixed(1));
+  text("speed", Number.isNaN(data.speed[row]) ? dash : data.speed[row].toFixed(1));
   $("recorded-mark").style.left = `${50 + 50 * steering}%`;
   $("predicted-mark").style.left = `${50 + 50 * predicted}%`;
   $("predicted-mark").hidden = Number.isNaN(predicted);

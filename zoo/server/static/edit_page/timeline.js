@@ -164,7 +164,8 @@ export class Timeline {
       if (values) curve(pen, values, this.view, x, y, width);
     }
     this.drawSplits(pen, x, height);
-    const labels = [[`+${range} right`, steeringY(range) + 10], [`−${range} left`, steeringY(-range) - 2], [`${fastest} mph`, lane + 17]];
+    const scale = speed.every(Number.isNaN) ? "speed unknown" : `${fastest} mph`;
+    const labels = [[`+${range} right`, steeringY(range) + 10], [`−${range} left`, steeringY(-range) - 2], [scale, lane + 17]];
     pen.fillStyle = colour("--soft");
     pen.strokeStyle = colour("--panel"); // an outline, on which a curve does not hide a label
     pen.lineWidth = 4;
