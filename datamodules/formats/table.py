@@ -6,6 +6,7 @@ It is read where `data.format=table` asks for it, with `data.columns={image: NAM
 import itertools
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,8 @@ def read(path: Path, options: ReadOptions) -> Recording:
         rows["speed_mps"] = [MPS_PER[options.speed_unit] * speed for speed in rows["speed_mps"]]
     if "time_s" in rows:
         rows["time_s"] = in_seconds(rows["time_s"])
-    return labelled_recording(folder, rows, SteeringUnit(), options, bad, is_stated=False)
+    recording = labelled_recording(folder, rows, SteeringUnit(), options, bad, is_stated=False)
+    return replace(recording, names=(str(path),))  # not the folder's: it may hold other tables
 
 
 def _find_table(path: Path) -> Path:
@@ -140,8 +142,7 @@ def _parquet_rows(
     stored = {}
     for key, name in columns.items():
         expected = ("texts", "images" if key in IMAGES else "numbers")
-        held = check_contents(table, name, file.schema_arrow.field(name).type, *expected)
-        if held == "images":
+        if check_contents(table, name, file.schema_arrow.field(name).type, *expected) == "images":
             stored[name] = ForwardReader(partial(encoded_images, key=name))
     plain = [name for name in columns.values() if name not in stored]
     number = unpacked = 0

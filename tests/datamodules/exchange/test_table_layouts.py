@@ -61,8 +61,9 @@ LAYOUTS = {
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_a_table_of_every_layout_is_read(name: str, tmp_path: Path) -> None:
     header, form, columns = LAYOUTS[name]
-    recording = read(write(tmp_path / "set", header, form=form), columns)
+    recording = read(table := write(tmp_path / "set", header, form=form), columns)
     check_whole(recording)
+    assert recording.names == (str(table),), "its folder may hold others"
     if name in ("semicolons", "tabs", "bars"):
         words = f"labels.csv: its columns are separated by {name}"
         assert words in "\n".join(recording.notes)
