@@ -65,6 +65,8 @@ def with_quick(config: DictConfig) -> DictConfig:
         # Anything else is refused later.
         if node[key] is None or (isinstance(node[key], int | float) and node[key] > most):
             node[key], config.quick = most, True
+    if isinstance(least := config.trainer.get("min_epochs"), int):
+        config.trainer.min_epochs = min(least, QUICK_EPOCHS)
     return config
 
 

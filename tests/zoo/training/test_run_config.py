@@ -124,6 +124,7 @@ def quick(*overrides: str) -> tuple[int, int]:
     before = given.copy()
     config = with_quick(given)
     assert given == before
+    assert config.trainer.get("min_epochs", 0) <= config.trainer.max_epochs
     return config.trainer.max_epochs, config.data.samples_per_epoch
 
 
@@ -156,7 +157,7 @@ def test_every_hint_names_the_first_try(hint):
 def test_explicit_keys_win_where_they_are_smaller():
     assert quick("trainer.max_epochs=1", "data.samples_per_epoch=640") == (1, 640)
     assert quick("trainer.max_epochs=60", "data.samples_per_epoch=64000") == (3, 24_000)
-    assert quick("quick_samples=3200") == (3, 3_200)
+    assert quick("quick_samples=3200", "+trainer.min_epochs=5") == (3, 3_200)
 
 
 @pytest.mark.parametrize(
