@@ -19,6 +19,7 @@ from datamodules.features import FeaturePlan, Front, plan_features
 from datamodules.run_data import RunData
 from zoo.base.errors import InputError
 from zoo.base.terminal import counted, print_line
+from zoo.checkpoints.checkpoint import part_cards
 from zoo.models.layers import in_pieces
 from zoo.models.network_facts import facts_of
 
@@ -63,7 +64,8 @@ def plan_cached_features(
         return None
     if frozen is not None and isinstance(data, DrivingData):
         network.to(device)
-        plan = _refusal(config, data) or _plan(config, _front(frozen, data, threads), data)
+        made_by = [threads, part_cards(dict(config.model))]
+        plan = _refusal(config, data) or _plan(config, _front(frozen, data, made_by), data)
     elif setting == "auto":
         return None
     else:
@@ -130,20 +132,20 @@ def _place(plan: FeaturePlan) -> str:
     return f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
 
 
-def _front(frozen: nn.Module, data: DrivingData, threads: int) -> Front:
+def _front(frozen: nn.Module, data: DrivingData, made_by: list) -> Front:
     device = next(frozen.parameters()).device
 
     @torch.inference_mode()
     def compute(batch: np.ndarray) -> np.ndarray:
-        images = torch.from_numpy(batch).permute(0, 3, 1, 2).to(device)
-        features = in_pieces(frozen, images).half()
+        features = in_pieces(frozen, torch.from_numpy(batch).permute(0, 3, 1, 2).to(device)).half()
         if not torch.isfinite(features).all():
             raise InputError(f"features exceed 65,504, the largest half; set {KEY}=false")
         return features.permute(0, 2, 3, 1).contiguous().cpu().numpy()
 
     shape = compute(np.zeros((1, *data.view.shape), np.uint8)).shape[1:]
-    # Sums are rounded in another order by other threads, processors and versions of PyTorch.
-    made_by = [device.type, threads, torch.backends.cpu.get_cpu_capability(), torch.__version__]
+    # Sums are rounded in another order by other threads, processors and versions of PyTorch. Names
+    # and weights of a user's layers do not tell what they compute.
+    made_by += [device.type, torch.backends.cpu.get_cpu_capability(), torch.__version__]
     return Front(compute, shape, f"{fingerprint(frozen)} {made_by}")
 
 

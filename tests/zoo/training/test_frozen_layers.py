@@ -90,11 +90,16 @@ def test_a_fingerprint_is_of_the_frozen_weights_alone() -> None:
     assert fingerprint(network.facts.frozen_front) != before
 
 
-def test_features_that_other_threads_computed_are_not_taken(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("other", ["threads", "part"])
+def test_features_that_other_threads_or_code_computed_are_not_taken(
+    other: str, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for threads in "12":  # which round the sums of a feature otherwise
-        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+    for number in "12":
+        if other == "threads":  # which round the sums of a feature otherwise
+            monkeypatch.setenv("OMP_NUM_THREADS", number)
+        else:  # a user's file that has changed
+            cards = [{"name": "own.py", "sha256": number}]
+            monkeypatch.setattr(frozen_layers, "part_cards", lambda config, cards=cards: cards)
         config = compose(recorded, tmp_path, "model.cache_features=true", "data.flip=0")
         prepare(config, tmp_path / "run", Console(quiet=True))
     assert len([*tmp_path.glob("*.npy")]) == 3, "the views, and the features of each"
