@@ -47,7 +47,7 @@ def pages(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     The results of these tests have not all roads of the suite that they name.
     """
-    monkeypatch.setattr("zoo.results.checked_result._check_included_suite", lambda *_: None)
+    monkeypatch.setattr("zoo.results.checked_result._of_included_suite", lambda made, _: made)
     left_out = shutil.ignore_patterns("_build", "*.csv", "*.png", "images", "api")
     shutil.copytree(ROOT / "docs", "docs", ignore=left_out)
     return here

@@ -176,6 +176,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
             **vars(summarize_drives(drives)),
             digest=digest_of_drives(drives),
             digests=DIGESTS,
+            usual=suite.usual,
         )
         written = write_entry(folder, result)
         finished.path.unlink()
@@ -290,9 +291,8 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
 
 def overall_line(result: BenchmarkResult) -> str:
     """Return the figures over all roads as a sentence."""
-    seeds = len(result.checkpoints)
     trained = any(driver.sha256 for driver in result.checkpoints)
-    by = counted(seeds, "training seed") if trained else "without training"
+    by = counted(len(result.checkpoints), "training seed") if trained else "without training"
     drives = drives_of(result.drives, OVERALL) or result.drives
     clean = sum(not drive.figures["interventions"] for drive in drives)
     rate = with_interval(overall(result)["interventions_per_km"], "{:.2f}")

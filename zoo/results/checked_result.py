@@ -66,8 +66,7 @@ def read_result(path: Path) -> BenchmarkResult:
         result = result.model_copy(update={"analysis": ANALYSIS, **figures})
     check_distinct(result.checkpoints, f"{path}: checkpoints: ")
     _check_sums(result, path)
-    _check_included_suite(result, path)
-    return result
+    return _of_included_suite(result, path)
 
 
 def roads_of(result: BenchmarkResult) -> dict[Road, list[DriveRecord]]:
@@ -88,13 +87,16 @@ def check_suite(result: BenchmarkResult, suite: Suite, path: Path) -> None:
     """Check that a result has every drive of the suite, on the same roads.
 
     Raises:
-        InputError: the roads' contents differ, or a drive is missing or not in the suite.
+        InputError: the roads' contents or the usual settings differ, or a drive is missing or not
+            in the suite.
     """
-    if result.roads != suite.roads:
-        raise InputError(
-            f"{path}: roads: digest {result.roads:.40} is not that of the suite {suite.name} here "
-            f"({suite.roads}); use the drivezoo that drove it ({code_name(result.code)})"
-        )
+    for key in ("roads", "usual"):
+        driven, here = getattr(result, key), getattr(suite, key)
+        if driven and driven != here:
+            raise InputError(
+                f"{path}: {key}: {driven!s:.200} is not that of the suite {suite.name} here "
+                f"({here}); use suite and drivezoo that drove it ({code_name(result.code)})"
+            )
     if odd := sorted({drive.key for drive in suite.drives} ^ set(roads_of(result))):
         raise InputError(
             f"{path}: drives: a {shown(odd[0])} is missing, or is not in the suite {suite.name}; "
@@ -102,12 +104,14 @@ def check_suite(result: BenchmarkResult, suite: Suite, path: Path) -> None:
         )
 
 
-def _check_included_suite(result: BenchmarkResult, path: Path) -> None:
+def _of_included_suite(result: BenchmarkResult, path: Path) -> BenchmarkResult:
+    """Return a result with what is usual in its suite, which older ones lack, if included."""
     try:
-        suite = find_suite(result.suite, suite_names()[0])
+        named = find_suite(result.suite, suite_names()[0])
     except InputError:  # a user's own suite, which `verify` takes as a key
-        return
-    check_suite(result, _included_suite(*suite), path)
+        return result
+    check_suite(result, suite := _included_suite(*named), path)
+    return result.model_copy(update={"usual": suite.usual})
 
 
 _included_suite = functools.cache(read_suite)  # 240 drives take a second to check
@@ -179,8 +183,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
         raise InputError(f"{path}: a person drove it: nobody drives twice alike")
     included = read_suite(*find_suite(result.suite, suite))
     check_suite(result, included, path)
-    folder = path if path.is_dir() else path.parent
-    drivers = [_driver(checkpoint, folder, path) for checkpoint in result.checkpoints]
+    drivers = [_driver(driver, result_path(path).parent, path) for driver in result.checkpoints]
     for line in caveats(result):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
     by_road = {drive.key: drive for drive in included.drives}
@@ -263,9 +266,8 @@ def _driver(record: Driver, folder: Path, path: Path) -> Driver:
     if record.file in NO_CHECKPOINT and record.sha256 is None:
         return record
     beside = files_beside(record, folder)
-    files = (path for path in beside if path.is_file())
-    file = next((path for path in files if hash_file(path) == record.sha256), None)
-    file = file or find_checkpoint(record.file)
+    files = (path for path in beside if path.is_file() and hash_file(path) == record.sha256)
+    file = next(files, None) or find_checkpoint(record.file)
     if (digest := hash_file(file)) != record.sha256:
         raise InputError(
             f"{path}: checkpoints: {file} is another file than the one that drove (SHA-256 "

@@ -97,6 +97,7 @@ class BenchmarkResult(Fields):
         differences: by group and figure, the mean difference to the clean partners.
         digest: 16 hexadecimal digits of the digests of all drives.
         digests: version of the digests.
+        usual: see `Suite`; empty in older results of a user's own suite.
     """
 
     version: Whole
@@ -111,6 +112,7 @@ class BenchmarkResult(Fields):
     differences: dict[str, dict[str, Interval]] = Field(default_factory=dict)
     digest: str
     digests: Whole = 1
+    usual: dict[str, object] = Field(default_factory=dict)
 
     @property
     def has_levels(self) -> bool:

@@ -73,11 +73,6 @@ class Scored:
         """Return the mean autonomy over the tracks."""
         return self.mean("autonomy")
 
-    @property
-    def cte_m(self) -> float | None:
-        """Return the mean cross-track error over the tracks, in metres."""
-        return self.mean("cte_mean_m")
-
     def mean(self, key: str, tracks: Collection[str] = ()) -> float | None:
         """Return the mean of a figure over tracks, all if none is named; None if one lacks it."""
         driven = [figures for name, figures in self.tracks.items() if not tracks or name in tracks]
@@ -217,12 +212,11 @@ def load_drive(folder: Path) -> Scored:
         if summary.get(name) is not None and math.isfinite(summary[name])
     }
     track = summary.get("track") or ", ".join(summary.get("recording") or []) or UNKNOWN
-    is_clean = int(not figures.get("interventions"))
     return Scored(
         folder=folder,
         name=str(summary.get("checkpoint") or "-"),
         tracks={track: figures},
-        counts={track: (is_clean, 1)} if "autonomy" in figures else {},
+        counts={track: (int(not figures.get("interventions")), 1)} if "autonomy" in figures else {},
         source=summary.get("drive") or "",
     )
 
@@ -248,8 +242,8 @@ def load_evaluation(folder: Path) -> Scored:
 def load_benchmark(folder: Path) -> Scored:
     """Return the figures of an entry of the benchmark.
 
-    Its figures are those of all roads but the laps. The suite with the digest of its roads stands
-    for the track.
+    Its figures are those of all roads but the laps. The suite with the digest of its roads, and
+    what is usual in it, stands for the track.
 
     Raises:
         InputError: `result.json` cannot be read.
@@ -265,7 +259,7 @@ def load_benchmark(folder: Path) -> Scored:
         name: sum(float(drive[name] or 0) for drive in drives) / len(drives)
         for name in (result.score, "cte_mean_m", "interventions", "driven_s")
     }
-    suite = f"{result.suite} {result.roads[:6]}"
+    suite = " ".join(map(str, [result.suite, result.roads[:6], *result.usual.values()]))
     return Scored(
         folder=folder,
         name=result.entry,

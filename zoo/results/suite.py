@@ -13,6 +13,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from zoo.base.bounded_files import hash_file
 from zoo.base.conf_files import choices, conf_folder
 from zoo.base.errors import InputError, UsageError, hint, placed_errors
 from zoo.base.limits import check_most
@@ -25,6 +26,7 @@ from zoo.simulator.weather import CLEAR, read_weather
 from zoo.simulator.world_settings import Quality
 
 LIKE, LAPS, DEV = "like", "laps", "dev"  # groups; LIKE also has the clean partners
+USUAL = {"speed", "quality"}  # keys of drives that have none of their own
 OVERALL = "all but laps"  # the figures and marks of all groups but LAPS
 Share = Annotated[Number, Field(ge=0, le=1)]
 NotNegative = Annotated[Number, Field(ge=0)]
@@ -123,6 +125,7 @@ class Suite:
         data: config in `conf/data` of the training data.
         mean_steering: mean steering of the training data, -1..1; None where the file has none.
         marks: pass marks of a course by group; empty without marks.
+        usual: speed and quality of drives that have none, and hashes of the tracks' files by track.
     """
 
     name: str
@@ -130,6 +133,7 @@ class Suite:
     data: str | None
     mean_steering: float | None
     marks: Mapping[str, Marks]
+    usual: dict[str, object]
 
     @functools.cached_property
     def roads(self) -> str:
@@ -221,7 +225,9 @@ def read_suite(name: str, split: str = "test") -> Suite:
         if group not in names:
             raise InputError(f"{path}: marks.{group}: no such group; {hint(group, names)}")
     name = file.name + (f"-{DEV}" if split == DEV else "")
-    return Suite(name, tuple(ordered), file.data, file.mean_steering, marks)
+    files = [drive.track for drive in ordered if drive.track.endswith((".yaml", ".yml"))]
+    usual = file.model_dump(include=USUAL) | {name: hash_file(Path(name))[:16] for name in files}
+    return Suite(name, tuple(ordered), file.data, file.mean_steering, marks, usual)
 
 
 def road_numbers(name: str, count: int) -> list[int]:
@@ -266,7 +272,7 @@ def _suite_drive(file: _File, path: Path, group: str, drive: _Drive, level: int 
     with placed_errors(f"{path}: groups.{group}: {drive.track}"):
         weather = read_weather(str(drive.weather)) if drive.weather else CLEAR
         chosen = {key: value for key, value in settings.items() if value is not None}
-        usual = {"speed": file.speed, "quality": file.quality}
+        usual = file.model_dump(include=USUAL)
         scenario = Scenario(drive.track, **usual | chosen | {"weather": weather})
         scenario.check()
         open_world(scenario, "none").close()

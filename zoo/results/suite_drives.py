@@ -157,7 +157,7 @@ class FinishedDrives:
         self.drives: dict[int, DriveRecord] = {}
         first = {
             "suite": suite.name,
-            "roads": suite.roads,
+            "roads": [suite.roads, suite.usual],
             "scenarios": [repr(drive.scenario) for drive in suite.drives],
             "mean_steering": suite.mean_steering,
             "drivers": [driver.sha256 or driver.file for driver in drivers],

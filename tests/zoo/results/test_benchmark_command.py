@@ -222,7 +222,7 @@ def test_verify_prints_how_a_drive_differs(
     ("keys", "value", "words"),
     [
         ("version", 2, "version 2, this drivezoo reads 1"),
-        ("roads", "0" * 16, "roads: digest 0000000000000000 is not that of"),
+        ("roads", "0" * 16, "roads: 0000000000000000 is not that of"),
         ("suite", "v0", "suite: v0 is not included.*suite=PATH"),
         ("digest", "0" * 16, "digest: is not that of its drives"),
         ("groups/all but laps/autonomy/value", 0.5, "all but laps.autonomy: is not that of its"),

@@ -73,6 +73,7 @@ def test_the_better_entry_is_named(folders: tuple[Path, Path], tmp_path: Path) -
 
 
 def test_exchanged_entries_have_the_opposite_difference(folders: tuple[Path, Path]) -> None:
+    change(folders[0], usual={})  # an older result
     exchanged = compare_entries(*read_entries(*folders[::-1]))
     for group, entry in compare_entries(*read_entries(*folders)).items():
         difference, better = exchanged[group].difference, exchanged[group].a_better
@@ -201,6 +202,7 @@ AGAIN = "run the benchmark again"
     [
         (lambda content: content | {"suite": "v9"}, ("suite", "v9", "own")),
         (lambda content: content | {"roads": "fedcba9876543210"}, ("roads", "fedcba9876543210")),
+        (lambda content: content | {"usual": {"speed": 20.0}}, ("usual", "20.0", "15.0")),
         (of_drives(lambda _: []), ("drives", AGAIN)),
         (of_drives(lambda drives: drives[1:]), ("lakeside:501", "it once", AGAIN)),
         (of_drives(lambda drives: drives[:1] * (MOST["drives"] + 1)), ("5,001 drives",)),
@@ -225,7 +227,7 @@ def test_a_result_without_all_roads_is_refused(folders: tuple[Path, Path], tmp_p
     for folder in folders:
         change(folder, suite="v1-quick")
     line = only_line(compare(tmp_path, *map(str, folders)))
-    assert f"{folders[0] / 'result.json'}: roads: digest 0123456789abcdef" in line
+    assert f"{folders[0] / 'result.json'}: roads: 0123456789abcdef" in line
     assert not (tmp_path / "compare.json").exists()
 
 

@@ -165,8 +165,8 @@ def test_drives_of_levels_are_ranked_by_the_share_of_clean_ones(tmp_path: Path) 
         write(tmp_path / name, of_levels(np.array([autonomy] * 3), name, roads))
     first, second = leaderboard(tmp_path).table()
     assert (first["run"], first["training_seeds"], second["run"]) == ("half", 3, "late")
-    assert list(first)[5] == "own 012345_without_intervention"
-    assert first["own 012345_without_intervention"] == 0.5
+    assert list(first)[5] == "own 012345 15.0_without_intervention", "of one speed"
+    assert first["own 012345 15.0_without_intervention"] == 0.5
 
 
 @pytest.mark.usefixtures("here")

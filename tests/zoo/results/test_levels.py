@@ -19,6 +19,7 @@ from zoo.results.levels import level_at
 from zoo.results.suite import place_of, read_suite
 from zoo.simulator.hand_control import Hands
 from zoo.simulator.hand_page import Seat
+from zoo.simulator.track_names import track_folder
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +83,16 @@ def test_other_drives_of_the_suite_drive_the_whole_road(suite: Path, tmp_path: P
     mixed = read_result(drive(["zero"], path, tmp_path / "out"))
     assert [record.figures["interventions"] > 1 for record in mixed.drives] == [True, False, False]
     assert mixed.score == "without_intervention", "the autonomy of a drive that ended says little"
+
+
+def test_speed_and_the_file_of_a_track_are_part_of_what_is_compared(tmp_path: Path) -> None:
+    path, lap = tmp_path / "own.yaml", tmp_path / "lap.yaml"
+    path.write_text(yaml.safe_dump({"name": "own", "speed": 20, "laps": [str(lap)]}))
+    lap.write_bytes((track_folder() / "zoo_lake.yaml").read_bytes())
+    usual = read_suite(str(path)).usual
+    assert [*usual.values()][:2] == [20.0, "full"]
+    lap.write_text(f"{lap.read_text()}# another version\n")
+    assert read_suite(str(path)).usual != usual
 
 
 @pytest.mark.parametrize(

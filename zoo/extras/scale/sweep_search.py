@@ -202,7 +202,7 @@ def _value(folder: Path, monitor: str) -> float | None:
     if run is None:
         return None
     driven = {"drive/score": _score(run), "drive/autonomy": run.autonomy}
-    scored = (driven | {"drive/cte_mean": run.cte_m}).get(monitor)
+    scored = (driven | {"drive/cte_mean": run.mean("cte_mean_m")}).get(monitor)
     if scored is not None:
         return scored
     by_epoch = run.curves.get(monitor, {}).values()
