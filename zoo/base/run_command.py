@@ -118,14 +118,20 @@ def raise_interrupts() -> None:
     """
     if signal.getsignal(signal.SIGINT) is stop_in_one_line:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    for name in ("SIGHUP", "SIGUSR1"):  # of a closed terminal or a scheduler; not on Windows
+    for name in ("SIGHUP", "SIGTERM", "SIGUSR1"):  # Windows has SIGTERM alone
         number = getattr(signal, name, None)
         if number and signal.getsignal(number) is signal.SIG_DFL:  # else it is ignored, as by nohup
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, _interrupt)
     if sys.platform == "win32":  # where a process can send no Ctrl-C to one other process
         signal.signal(signal.SIGBREAK, signal.default_int_handler)
     if sys.unraisablehook is sys.__unraisablehook__:
         sys.unraisablehook = _interrupt_again
+
+
+def _interrupt(number: int, _: object) -> None:
+    """Raise KeyboardInterrupt, unless Lightning handles the signal, which completes the batch."""
+    if signal.getsignal(number) is _interrupt:
+        raise KeyboardInterrupt
 
 
 @contextmanager

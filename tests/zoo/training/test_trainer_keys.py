@@ -117,7 +117,7 @@ def test_a_drive_between_epochs_takes_a_network_of_any_precision(dtype: torch.dt
     assert next(network.parameters()).dtype == dtype
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP", *slow("SIGUSR1")])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", *slow("SIGHUP", "SIGUSR1")])
 def test_a_stop_while_it_is_scored_names_the_command_that_resumes(
     name: str, zoo: Zoo, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
