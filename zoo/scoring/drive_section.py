@@ -37,8 +37,8 @@ def scores(run: ReportedDrives) -> list[Block]:
         remedy = no_verdict(source) if source else "drive its checkpoint with drivezoo evaluate"
         why = run.metrics.get("not_replayed") or "score=none"
         raise InputError(f"Not driven, only open-loop figures ({why}); {remedy}.")
-    scored = run.metrics.get("drive") or {}
-    keys = [f"{key}={scored[key]:g}" for key in ("speed_mph", "laps", "seeds") if scored.get(key)]
+    scored = run.metrics.get("drive") or run.metrics.get("settings") or {}
+    keys = [f"{key}={value}" for key, value in scored.items() if type(value) in (str, int, float)]
     world = run.metrics.get("world") or EMBEDDED
     where = f"Driven in the {'embedded simulator' if world == EMBEDDED else f'world {world}'}, in "
     where += f"simulated time{': ' if keys else ''}{', '.join(keys)}."
@@ -96,9 +96,8 @@ def _film(run: ReportedDrives, drive: WrittenDrive, budget: int) -> Block:
     path = drive.folder / FILM_NAME
     if not path.is_file():
         return Missing("The drive was not filmed (score.film; film=true in drivezoo evaluate).")
-    is_small = path.stat().st_size <= budget
     link = Path(os.path.relpath(path, run.folder / "report")).as_posix()
-    data = path.read_bytes() if is_small else None
+    data = path.read_bytes() if path.stat().st_size <= budget else None
     return Film(link, "Film of the scored drive.", data, worst_moment(drive))
 
 

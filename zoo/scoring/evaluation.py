@@ -7,6 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from zoo.base.command_keys import typed
 from zoo.base.new_folder import command_folder
 from zoo.base.terminal import counted, print_written
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
@@ -24,7 +25,7 @@ from zoo.scoring.evaluate_options import EvaluateOptions, check_world
 from zoo.scoring.evidence import Evidence, other_car_line, read_evidence, with_track
 from zoo.scoring.robustness import PERTURBATIONS, perturbations_named, sweep_table, sweeps
 from zoo.scoring.track_scores import how_well, score_on_tracks
-from zoo.scoring.verdict import Verdict, judge, print_verdict
+from zoo.scoring.verdict import KEYS, Verdict, judge, print_verdict
 from zoo.scoring.write_up import write_report
 from zoo.simulator.track_names import short_name
 
@@ -116,10 +117,9 @@ def score_driver(
     options.check_files(("track", *COUNTS, *METRICS))
     if options.world == "embedded" and (line := other_car_line(policy.data, options.track)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    names = perturbations_named(options.perturb, options.throttle)
     scenarios = options.scenarios
     usual = scenarios[0]
-    swept = sweeps(names, usual, ignores)
+    swept = sweeps(perturbations_named(options.perturb, options.throttle), usual, ignores)
     perturbed = [scenario for by_value in swept.values() for scenario in by_value.values()]
     with command_folder(options.out, "evaluations") as folder:
         scores = score_on_tracks(
@@ -135,12 +135,14 @@ def score_driver(
         )
         metrics: dict[str, Any] = {"checkpoint": name, "world": options.world}
         metrics |= {} if usual.quality == "full" else {"quality": usual.quality}
+        settings = [key for key in ("laps", "seeds", *KEYS) if key not in ignores]
+        metrics["settings"] = {key: typed(getattr(options, key)) for key in settings}
         metrics |= {"drives": scores.drives, "tracks": scores.tracks}
         results = {
             name: {value: scores.by_scenario[drive] for value, drive in by_value.items()}
             for name, by_value in swept.items()
         }
-        if names:
+        if swept:
             metrics["perturbed"] = {
                 name: [{"value": value, **figures} for value, figures in by_value.items()]
                 for name, by_value in results.items()
@@ -172,6 +174,5 @@ def curves(swept: By, usual: Scenario) -> Figure:
 
 def _how(usual: Scenario) -> str:
     laps = counted(usual.laps, "lap") if usual.world in LAPPED else "drives"
-    if usual.throttle == "network":
-        return f"{laps} with its own throttle"
-    return f"{laps} at {usual.speed:g} mph"
+    held = f"at {usual.speed:g} mph"
+    return f"{laps} {'with its own throttle' if usual.throttle == 'network' else held}"

@@ -158,6 +158,9 @@ def test_a_scored_drive_can_be_filmed(checkpoint: str, tmp_path: Path) -> None:
     filmed = (*options, "film=true", "film_speed=3", "out=filmed")
     printed = succeed(run_here(tmp_path, checkpoint, *filmed, module="zoo.commands.evaluate"))
     assert "wrote: filmed/lake-0/film.mp4" in printed.splitlines()
+    report = (tmp_path / "filmed" / "report" / "report.md").read_text()
+    for setting in ("laps=0.015", "speed=25", "weather=clear", "quality=simple"):
+        assert setting in report
     command([checkpoint, *options, f"out={tmp_path / 'plain'}"])
     filmed, plain = (read_drive(tmp_path / name / "lake-0") for name in ("filmed", "plain"))
     assert filmed.steering.tolist() == plain.steering.tolist()
