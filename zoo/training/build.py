@@ -244,6 +244,8 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
     for callback in callbacks:
         if isinstance(callback, ModelCheckpoint):
             callback.dirpath = str(folder / "checkpoints")
+            if callback.filename == "best" and callback.monitor is None:
+                callback.mode = "max"  # has no effect: Lightning tells its state from that of last
         monitor = getattr(callback, "monitor", None) or ""
         what = f"{type(callback).__name__} monitors {monitor}"
         if monitor.startswith("val/") and no_rows:

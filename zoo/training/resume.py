@@ -109,8 +109,7 @@ def _finished_lines(
     if (page := folder / "report" / "index.html").is_file():
         yield f"report: {page}"
     if last.is_file() and (keys := _further(config, epochs)):
-        command = ["drivezoo", "train", f"resume={folder}", *keys]
-        yield f"train further: {command_line(command)}"
+        yield f"train further: {command_line(['drivezoo', 'train', f'resume={folder}', *keys])}"
     if best.is_file():
         yield f"or start a new run from its weights: model.weights={best}"
 

@@ -134,8 +134,7 @@ def training_config(
     config.callbacks.pop("early_stopping", None)
     config.callbacks.pop("closed_loop", None)
     if config.callbacks.get("best"):
-        # The mode has no effect; it keeps the callback's state key different from the other one's.
-        config.callbacks.best.update(monitor=None, mode="max")
+        config.callbacks.best.monitor = None
     config.score = {}
     return config
 
