@@ -8,6 +8,7 @@ import functools
 import inspect
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -51,10 +52,19 @@ def trained_paths(data: Mapping, begin: object) -> dict:
 
     def absolute(path: Any) -> Any:
         file = Path(begin, os.path.expanduser(path)) if isinstance(path, str) else None  # noqa: PTH111
-        return str(file) if file and os.path.lexists(file) else path
+        return str(file) if file and not on_server(file) and os.path.lexists(file) else path
 
     paths = {key: mapped(absolute, data[key]) for key in PATHS if key in data}
     return {key: path for key, path in paths.items() if path != data[key]}
+
+
+def on_server(paths: object) -> bool:
+    r"""Return whether a stranger's path, or one of a list, would contact a server: s3, Windows.
+
+    >>> on_server("s3://bucket/lake"), on_server(["lake", r"\\host\share"]), on_server("/a//b")
+    (True, True, False)
+    """
+    return re.search(r"(^|')(s3:|[\\/])[\\/]", str(paths)) is not None
 
 
 def find_checkpoint(named: str | Path) -> Path:
@@ -82,8 +92,7 @@ def find_checkpoint(named: str | Path) -> Path:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason}); name another checkpoint") from None
     if str(named) == LATEST:
-        latest = checkpoint_of(latest_run())
-        assert latest is not None  # `latest_run` skips runs without one
+        latest = _in_folder(latest_run())
         print(error_line(LATEST, latest), file=sys.stderr, flush=True)
         return latest
     if packaged:
@@ -146,9 +155,8 @@ def name_latest(argument: str) -> str:
     Raises:
         InputError: there is no run.
     """
-    if argument != f"{WEIGHTS_KEY}={LATEST}":
-        return argument
-    return f"{WEIGHTS_KEY}={find_checkpoint(LATEST)}"
+    latest = f"{WEIGHTS_KEY}={LATEST}"
+    return f"{WEIGHTS_KEY}={find_checkpoint(LATEST)}" if argument == latest else argument
 
 
 def short_name(path: Path) -> str:
@@ -196,8 +204,7 @@ def _best_or_last(folder: Path) -> Path | None:
 
 
 def _in_folder(folder: Path) -> Path:
-    checkpoint = checkpoint_of(folder) or (_best_or_last(folder) if folder.name == FOLDER else None)
-    if checkpoint:
+    if checkpoint := checkpoint_of(folder) or (folder.name == FOLDER and _best_or_last(folder)):
         return checkpoint
     if runs := runs_below(folder):
         found_runs = f"holds {len(runs)} runs" if len(runs) > 1 else "is not a run"

@@ -19,7 +19,7 @@ from zoo.base.errors import InputError
 from zoo.base.machine import processor_name
 from zoo.base.rig import CURVATURE
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.checkpoint_path import trained_data
+from zoo.checkpoints.checkpoint_path import on_server, trained_data
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
@@ -82,13 +82,13 @@ def take_frames(recording: str | None, checkpoint: Checkpoint, count: int = FRAM
         return _frames_of(recording, count, {})
     data = trained_data(checkpoint.config, checkpoint.data)
     root, frames = data.get("root"), None
-    with suppress(InputError, OSError):  # on another machine, or incomplete
-        if root:
+    with suppress(InputError, OSError, RuntimeError):  # on another machine, or incomplete
+        if root and not on_server(root):
             return _frames_of(root, count, said_in(data))
     with suppress(InputError, OSError):
         frames = _frames_of(compose_config(["data=lake"])["data"]["record"]["out"], count, {})
     frames, (rows, columns) = frames or _rendered_frames(), checkpoint.view.frame
-    why = f", since the training's recording {root} is not found; name it, frames=FOLDER"
+    why = f", since the training's recording {root} is not found here; name it, frames=FOLDER"
     return Frames(
         [
             cv2.resize(frame, (columns, rows), interpolation=cv2.INTER_AREA)
