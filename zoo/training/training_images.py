@@ -4,12 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from datamodules.balance import BatchKey, Count
+from datamodules.balance import Count
+from datamodules.batches import Batch
 from datamodules.driving import DrivingData
 from zoo.base.terminal import counted
 from zoo.runs import plots
@@ -70,19 +72,16 @@ def figure_of_fed_batch(data: DrivingData, count: int) -> Figure:
     """
     sequence = data.windows.sequence
     count = -(-count // sequence)
-    keys = iter(data.sampler())
-    indices: list[np.ndarray] = []
-    while sum(map(len, indices)) < min(count, len(data.samples)):
-        key = next(keys, None)
-        if key is None:
+    batches, fed = data.training_batches(), list[Batch]()
+    for key in data.sampler():  # whole batches: a part of one would be augmented otherwise
+        fed.append(batches[key])
+        if sum(len(batch["targets"]) for batch in fed) >= count:
             break
-        indices.append(key.samples)
-    batch = data.training_batches()[BatchKey(0, 0, np.concatenate(indices)[:count])]
-    images = batch["images"].movedim(-3, -1).numpy()
+    images = torch.cat([batch["images"] for batch in fed])[:count].movedim(-3, -1).numpy()
     height, width, channels = images.shape[-3:]
     kind = f"{width} x {height} {data.view.colour}, {counted(channels, 'channel')}"
     title = f"network inputs: {kind}; steering above each image"
-    steering = batch["targets"][..., 0].numpy()
+    steering = torch.cat([batch["targets"][..., 0] for batch in fed])[:count].numpy()
     if sequence > 1:
         title += "; a window in each row, oldest frame first"
         steering = steering[:, :sequence]

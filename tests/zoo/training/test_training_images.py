@@ -10,6 +10,7 @@ from PIL import Image
 from rich.console import Console
 from tensorboard.backend.event_processing.event_file_loader import EventFileLoader
 
+from datamodules.augment import Shift
 from datamodules.data_settings import DataSettings
 from tests.recordings import Written
 from zoo.runs.plots import predicted_against_true, steering_histogram
@@ -30,6 +31,7 @@ def test_a_window_is_a_row_of_frames(
 ) -> None:
     settings = {"val_share": 0.0, "test_share": 0.0, "cache": None} | windows
     settings |= {"crop": (60, 25), "colour": "yuv", "size": (33, 100)}
+    settings["augment"] = {"shift": Shift()}
     data = DataSettings(str(recorded.folder), **settings).load(console)
     (axis,) = figure_of_fed_batch(data, 11).axes
     places = np.array([text.get_position() for text in axis.texts])
@@ -39,7 +41,9 @@ def test_a_window_is_a_row_of_frames(
         assert len(np.unique(places[:, 1])) == rows
         assert (np.diff(places.reshape(rows, columns, 2)[:, :, 1]) == 0).all()
     else:
-        assert len(places) == 11
+        batch = data.training_batches()[next(iter(data.sampler()))]
+        fed = [f"{label + 0.0:+.3f}" for label in batch["targets"].reshape(64, -1)[:11, 0].tolist()]
+        assert [text.get_text() for text in axis.texts] == fed
     assert len(axis.lines) == len(places)
 
 
