@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from datamodules.formats.udacity import times_from_names
+from datamodules.recording import ForwardReader
 from datamodules.recording_format import read_recordings
 from tests.recordings import FOLDERS, replace_in, write_recording
 from tests.refusals import refusal
@@ -22,6 +25,20 @@ def test_images_are_found_here_wherever_the_log_was_made(tmp_path, style, header
     for row in range(3):
         for camera, name in enumerate(("center", "left", "right")):
             assert written.image(row, name).samefile(recording.images[row, camera])
+
+
+def test_threads_that_read_a_file_at_once_each_get_their_images():
+    def numbers(path):
+        for number in range(400):
+            time.sleep(1e-5)  # another thread's turn
+            yield number
+
+    reader = ForwardReader(numbers)
+    with ThreadPoolExecutor(2) as pool:
+        walks = pool.map(
+            lambda row: [reader("video", number) for number in range(row, 400, 2)], (0, 1)
+        )
+        assert [*walks] == [[*range(row, 400, 2)] for row in (0, 1)]
 
 
 def test_a_fingerprint_holds_no_digits_that_processors_compute_differently(tmp_path):
