@@ -93,7 +93,6 @@ def judge(
     level = levels[names[0]] if names else UNKNOWN
     lost = [track for track in names if levels[track] in (FAILS, ALMOST)]
     causes = likely_causes(evidence, [] if world == "replay" else lost) if lost else []
-    again = train_again(evidence, causes)
     keys = _changed_keys({key: evidence.at(f"score.{key}") for key in KEYS} | dict(driven or {}))
     weather = [word for word in keys if word.startswith("weather=")] if lost else []
     typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
@@ -104,11 +103,11 @@ def judge(
         titles = {name: full_name(typed.get(name, name)) for name in names}
     return Verdict(
         level,
-        _headline(level, names, by_track, known, titles),
+        _headline(levels, names, by_track, known, titles) if level != UNKNOWN else UNKNOWN_HEADLINE,
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
         _certainty(by_track, replayed or "replay" if world == "replay" else None),
         (*(f"It was driven in {word}." for word in weather), *(cause.text for cause in causes)),
-        tuple(_commands(level, evidence, again, worst, world, keys)),
+        tuple(_commands(level, evidence, train_again(evidence, causes), worst, world, keys)),
     )
 
 
@@ -153,7 +152,7 @@ def _changed_keys(settings: Mapping[str, object]) -> list[str]:
 
 
 def _headline(
-    level: str,
+    levels: Mapping[str, str],
     names: Sequence[str],
     by_track: Mapping[str, Sequence[Mapping]],
     known: Mapping[str, str],
@@ -162,16 +161,17 @@ def _headline(
     """Return the level in a sentence: what was driven, and on which tracks it says least.
 
     Args:
-        level: level of the worst track.
+        levels: level of each track.
         names: tracks, the worst first.
         by_track: drives of each track.
         known: what a track was used for before, see `known_tracks`.
         titles: name of each track in a sentence.
     """
-    if level == UNKNOWN:
-        return UNKNOWN_HEADLINE
+    level = levels[names[0]]
     if level != DRIVES:
-        return f"It {WORDS[level]} {titles[names[0]]}."
+        alike = [titles[name] for name in names if levels[name] == level]
+        listed = alike[:3] + ["others"] * (len(alike) > 3)
+        return f"It {WORDS[level]} {(' or ' if level == FAILS else ' and ').join(listed)}."
     new = len([name for name in names if name not in known])
     if new >= ENOUGH:
         return f"It drives: {new} of {new} roads that it was neither trained nor chosen on."
@@ -209,8 +209,8 @@ def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
     lost = sum(int(drive["interventions"]) for drive in drives)
     autonomy = f"autonomy {_autonomy(drives):.1%}, " if lost and level != UNKNOWN else ""
     how_far = f"{replayed_s:.0f} s" if replayed_s else f"{laps:.2f} laps"
-    level_words = WORDS[level].removesuffix(",")
-    return f"{track}: {level_words}, {autonomy}interventions: {lost} in {how_far}"
+    words = WORDS[level].removesuffix(",")
+    return f"{track}: {words}, {autonomy}interventions: {lost} in {how_far}"
 
 
 def _without_verdict(
@@ -250,10 +250,9 @@ def _certainty(by_track: Mapping[str, Sequence[Mapping]], replayed: str | None) 
     if all(drive.get("autonomy") is None for drive in drives):
         return "Its autonomy is not measured: no cross-track error, or it did not move."
     clean = sum(drive["interventions"] == 0 for drive in drives)
-    starts = len({drive.get("seed") for drive in drives})
     return (
         f"Drives without an intervention: {clean} of {len(drives)} (tracks: {len(by_track)}, start "
-        f"seeds: {starts}, trainings: 1). {ONE_TRACK}"
+        f"seeds: {len({drive.get('seed') for drive in drives})}, trainings: 1). {ONE_TRACK}"
     )
 
 

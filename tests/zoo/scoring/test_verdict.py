@@ -62,6 +62,13 @@ def test_each_track_has_its_own_verdict_and_the_worst_comes_first() -> None:
     assert "mountain" in verdict.commands[-1][1]
 
 
+def test_the_headline_names_the_tracks_that_are_as_bad_up_to_three() -> None:
+    drives = [drive(20), drive(1, "jungle"), drive(25, "mountain")]
+    assert judge(drives, evidence()).headline == "It does not drive zoo_mountain or zoo_lake."
+    drives += [drive(28, "a"), drive(28, "b")]
+    assert judge(drives, evidence()).headline.endswith("a or b or zoo_mountain or others.")
+
+
 def test_clean_laps_of_the_track_that_chose_the_checkpoint_are_named_as_such() -> None:
     choice = {"drives": [{"file": "best.ckpt"}]}
     facts = evidence({"score": {"track": "zoo_lake,mountain"}}, choice=choice)
