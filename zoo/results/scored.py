@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from zoo.base.command_keys import typed_keys
 from zoo.base.errors import InputError
 from zoo.driving.drive_log import LOG_NAME, SUMMARY_NAME, read_drive, read_summary
 from zoo.driving.drive_record import EMBEDDED, REPLAY
@@ -16,17 +17,15 @@ from zoo.results.result import NAME as RESULT_NAME
 from zoo.runs.metrics_file import NAME as METRICS_NAME
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.run_record import Run, TrainedOn
+from zoo.scoring.evaluate_options import EvaluateOptions
 from zoo.scoring.evidence import source_of
 
 BENCHMARK = "benchmark"  # source of drives on the roads of a suite
-UNKNOWN = "unknown track"
 CLEAN = "drives_without_intervention"
 LENGTHS = ("laps", "driven_m", "driven_s")  # figures beside the leaderboard's metrics
 CURVES = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
-IGNORED_KEYS = ("seed",)  # runs whose configs differ only here are repeats
 # Folders without runs inside; a recording would be slow to search.
 SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "report", "evaluation"}
-OF_DRIVES = {"drives", "evaluation"}
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,8 @@ class Scored:
         source: source of the drives, as in `Drive`, or BENCHMARK; empty without a drive.
         settings: what a run's repeats have in common, such as the config without the training
             seed; empty for what is not a run.
-        overrides: overrides that the user typed, by key, without those of Hydra itself.
+        overrides: overrides that the user typed, by key, without those of Hydra itself; settings of
+            an evaluation that are not the usual ones.
         seed: training seed.
         trainings: number of trainings that drove.
         precision: precision of the training; empty where it is unknown.
@@ -67,11 +67,6 @@ class Scored:
     wall_s: float | None = None
     curves: dict[str, dict[int, float]] = field(default_factory=dict, repr=False)
     car: str | None = None
-
-    @property
-    def autonomy(self) -> float | None:
-        """Return the mean autonomy over the tracks."""
-        return self.mean("autonomy")
 
     def mean(self, key: str, tracks: Collection[str] = ()) -> float | None:
         """Return the mean of a figure over tracks, all if none is named; None if one lacks it."""
@@ -108,7 +103,7 @@ def drive_folders(root: Path) -> Iterator[Path]:
     """Yield the folders of evaluations, benchmarks and drives below a folder without runs."""
     if any(run_folders(root)):
         return iter(())
-    return _folders(root, lambda folder: _reader(folder) is not None, SKIPPED - OF_DRIVES)
+    return _folders(root, lambda folder: _reader(folder) is not None, SKIPPED - {"drives", "evaluation"})
 
 
 def _folders(root: Path, is_found: Callable[[Path], bool], skipped: set[str]) -> Iterator[Path]:
@@ -211,7 +206,7 @@ def load_drive(folder: Path) -> Scored:
         for name in _shown()
         if summary.get(name) is not None and math.isfinite(summary[name])
     }
-    track = summary.get("track") or ", ".join(summary.get("recording") or []) or UNKNOWN
+    track = summary.get("track") or ", ".join(summary.get("recording") or []) or "unknown track"
     return Scored(
         folder=folder,
         name=str(summary.get("checkpoint") or "-"),
@@ -231,9 +226,11 @@ def load_evaluation(folder: Path) -> Scored:
     tracks = {name: figures for name, figures in (metrics.get("tracks") or {}).items() if figures}
     if not tracks:
         raise InputError(f"{folder / METRICS_NAME}: tracks: is missing; name an evaluation")
+    usual = dict(typed_keys(vars(EvaluateOptions())))
     return Scored(
         folder=folder,
         name=str(metrics.get("checkpoint") or "-"),
+        overrides=dict(sorted((metrics.get("settings") or {}).items() - usual.items())),
         source=f"{metrics.get('world') or EMBEDDED} {metrics.get('quality') or ''}".strip(),
         **_of_tracks(tracks),
     )
@@ -298,7 +295,7 @@ def _of_tracks(tracks: dict[str, dict]) -> dict:
 
 def _settings(run: Run) -> str:
     """Return config and recordings as text, equal for repeats of a run."""
-    config = {key: value for key, value in run.config.items() if key not in IGNORED_KEYS}
+    config = {key: value for key, value in run.config.items() if key != "seed"}
     # A search adds this callback to each trial; it holds the trial's number.
     # The fingerprint identifies a recording; its path may be written in several ways.
     for section, ignored in (("callbacks", "pruning"), ("data", "root")):

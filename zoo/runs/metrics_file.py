@@ -34,9 +34,9 @@ class Data(Fields):
 class Metrics(Fields):
     """The contents of `metrics.json`.
 
-    An evaluation has `checkpoint`, `drives`, `tracks`, `perturbed` and `verdict`; a replay has
-    `checkpoint`, `recording`, `replayed`, `margin_m` and `replay`; a challenge `checkpoint`,
-    `recording` and `challenge`.
+    An evaluation has `checkpoint`, `settings`, `drives`, `tracks`, `perturbed` and `verdict`; a
+    replay has `checkpoint`, `recording`, `replayed`, `margin_m` and `replay`; a challenge
+    `checkpoint`, `recording` and `challenge`.
     """
 
     version: Whole
@@ -66,6 +66,7 @@ class Metrics(Fields):
     versions: dict[str, str | None] | None = None
     verdict: dict | None = None
     checkpoint: str | None = None
+    settings: dict[str, str] | None = None
     drives: list[dict] | None = None
     tracks: dict[str, Figures | None] | None = None
     perturbed: dict[str, list[dict]] | None = None

@@ -164,7 +164,7 @@ def result_text(folder: Path) -> str:
     run = finished_run(folder) if status.get("status") == "finished" else None
     if run is None:
         return ": ".join(filter(None, [status.get("status"), status.get("reason")]))
-    figures = [] if run.autonomy is None else [f"autonomy {run.autonomy:.1%}"]
+    figures = [] if (share := run.mean("autonomy")) is None else [f"autonomy {share:.1%}"]
     figures += [] if run.val_mse is None else [f"val MSE {run.val_mse:.4f}"]
     return ", ".join([f"finished in {run.wall_s:.0f} s", *figures])
 

@@ -142,7 +142,7 @@ def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> N
     assert [entry.first.name for entry in ranking.entries] == ["good", "bad"]
     best = ranking.entries[0].first
     summary = overall(read_result(Path("marks/good")))
-    assert best.autonomy == pytest.approx(summary["autonomy"].value)
+    assert best.mean("autonomy") == pytest.approx(summary["autonomy"].value)
     leaderboard.main(["marks"])
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
 
@@ -203,7 +203,7 @@ def test_the_drives_of_a_folder_that_holds_runs_are_not_ranked(tmp_path: Path) -
 
 
 def write_evaluation(
-    folder: Path, autonomy: float, checkpoint: str, world: str = "embedded", **more: float
+    folder: Path, autonomy: float, checkpoint: str, world: str = "embedded", mph: float = 15, **more
 ) -> Path:
     """Write an evaluation of two drives on the lake, as `drivezoo evaluate` does."""
     for seed in (0, 1):
@@ -211,7 +211,8 @@ def write_evaluation(
     figures = {"drives": 2, "drives_without_intervention": 1, "autonomy": [autonomy, 0.1]}
     tracks = {"lake": figures | {"cte_mean_m": [0.2, 0.1], "interventions": [0.5, 0.7]}}
     tracks["lake"] |= {key: [value, 0.0] for key, value in more.items()}
-    about = {"checkpoint": checkpoint, "world": world}
+    settings = {"speed": str(float(mph)), "laps": "1.0"}
+    about = {"checkpoint": checkpoint, "world": world, "settings": settings}
     write_metrics_file(folder, about | {"drives": [], "tracks": tracks})
     return folder
 
@@ -219,14 +220,14 @@ def write_evaluation(
 @pytest.mark.usefixtures("wide")
 def test_an_evaluation_is_one_entry_with_its_means(capsys: pytest.CaptureFixture) -> None:
     write_evaluation(Path("scores/ann"), 0.7, "submitted/ann.ckpt")
-    write_evaluation(Path("scores/bob"), 0.9, "submitted/bob 1.ckpt")
+    write_evaluation(Path("scores/bob"), 0.9, "submitted/bob 1.ckpt", mph=20)
     write_evaluation(Path("scores/cleo"), 0.5, "submitted/cleo.ckpt", world="donkey")
     leaderboard.main(["scores"])
     printed = capsys.readouterr().out
     first, second, third = re.findall(r"^│ [123] .*$", printed, re.MULTILINE)
     assert "embedded" in second
     assert "donkey" in third
-    for text in ("bob", "90.0%", "1 of 2"):
+    for text in ("bob", "90.0%", "1 of 2", "20.0"):
         assert text in first
     assert "70.0%" in second
     assert "next: drivezoo benchmark 'submitted/bob 1.ckpt' suite=quick" in printed
@@ -240,7 +241,7 @@ def test_a_drive_is_measured_where_its_file_lacks_figures(tmp_path: Path) -> Non
     assert measured == pytest.approx(whole.tracks["lake"])
     figures = {"version": 1, "drive": "replay", "autonomy": None, "driven_m": 0.0}
     file.write_text(json.dumps(figures | {"interventions": 0}))
-    assert load_drive(folder).autonomy is None
+    assert load_drive(folder).mean("autonomy") is None
 
 
 @pytest.mark.parametrize(("file", "text"), [("drive.json", "[]"), ("result.json", "{}")])
@@ -317,7 +318,7 @@ def test_a_real_run_is_read_whole(run_folder: Path) -> None:
     run = load_run(run_folder)
     metrics = json.loads((run_folder / "metrics.json").read_text())
     assert run.name == "nvidia"
-    assert run.autonomy == metrics["drive"]["tracks"]["lake"]["autonomy"][0]
+    assert run.mean("autonomy") == metrics["drive"]["tracks"]["lake"]["autonomy"][0]
     assert run.val_mse == metrics["open_loop"]["val"]["mse"]
     assert set(run.curves["val/mse"]) == {1, 2}
     assert run.overrides["trainer.max_epochs"] == "2"

@@ -201,7 +201,7 @@ def _value(folder: Path, monitor: str) -> float | None:
     run = finished_run(folder)
     if run is None:
         return None
-    driven = {"drive/score": _score(run), "drive/autonomy": run.autonomy}
+    driven = {"drive/score": _score(run), "drive/autonomy": run.mean("autonomy")}
     scored = (driven | {"drive/cte_mean": run.mean("cte_mean_m")}).get(monitor)
     if scored is not None:
         return scored
