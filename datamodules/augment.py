@@ -132,8 +132,7 @@ class Shadow(Change):
         corners = rng.integers(low, high, (shape[0], most, self.shadow_dimension, 2))
         faintest, darkest = self.shadow_intensity_range
         intensities = rng.uniform(faintest, darkest, (shape[0], most))
-        counts = rng.integers(fewest, most + 1, shape[0])
-        intensities[np.arange(most) >= counts[:, None]] = 0
+        intensities[np.arange(most) >= rng.integers(fewest, most + 1, shape[0])[:, None]] = 0
         size = 2 * self.shadow_dimension  # not -1, because a batch may have no shadow
         values = [corners.reshape(shape[0], most, size), intensities[:, :, None]]
         return np.concatenate(values, 2).reshape(shape[0], most * (size + 1))

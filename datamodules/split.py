@@ -216,8 +216,7 @@ def without_gaps(part: np.ndarray, recording: np.ndarray, gaps: list[int]) -> np
         loser = min(part[border - 1], part[border])
         gap = gaps[recording[border]]
         near = slice(max(border - gap, 0), border + gap)
-        dropped = (part[near] == loser) & (recording[near] == recording[border])
-        kept[near][dropped] = -1
+        kept[near][(part[near] == loser) & (recording[near] == recording[border])] = -1
     return kept
 
 

@@ -77,8 +77,7 @@ class Windows:
         counts = []
         for part in PARTS:
             rows = getattr(split, part)
-            windows = self if part == "train" else self.past
-            whole = windows.whole(recording, rows)
+            whole = (self if part == "train" else self.past).whole(recording, rows)
             if len(rows) and not len(whole):
                 raise InputError(
                     f"data.sequence={self.sequence} data.stride={self.stride} data.ahead="
