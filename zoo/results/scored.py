@@ -103,7 +103,7 @@ def drive_folders(root: Path) -> Iterator[Path]:
     """Yield the folders of evaluations, benchmarks and drives below a folder without runs."""
     if any(run_folders(root)):
         return iter(())
-    return _folders(root, lambda folder: _reader(folder) is not None, SKIPPED - {"drives", "evaluation"})
+    return _folders(root, lambda folder: bool(_reader(folder)), SKIPPED - {"drives", "evaluation"})
 
 
 def _folders(root: Path, is_found: Callable[[Path], bool], skipped: set[str]) -> Iterator[Path]:
