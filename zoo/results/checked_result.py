@@ -13,7 +13,7 @@ from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.plain_files import check_version, read_json
 from zoo.base.terminal import counted, printable
-from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.checkpoint_path import find_checkpoint, on_server
 from zoo.driving.drives_table import tied_line
 from zoo.results.benchmark_options import HUMAN, NO_CHECKPOINT
 from zoo.results.result import (
@@ -135,8 +135,7 @@ def _check_drives(result: BenchmarkResult, path: Path) -> None:
             if value is None:
                 raise InputError(f"{where}.figures.{name}: is missing; {_AGAIN}")
             if not low <= value <= high:
-                bounds = f"must be in {low:g}..{high:g}"
-                raise InputError(f"{where}.figures.{name}: is {value:g}, {bounds}")
+                raise InputError(f"{where}.figures.{name}: is {value:g}, not in {low:g}..{high:g}")
     roads = roads_of(result)
     clean = {road.track for road in roads if road.group == LIKE}
     for road, drives in roads.items():
@@ -267,7 +266,8 @@ def _driver(record: Driver, folder: Path, path: Path) -> Driver:
         return record
     beside = files_beside(record, folder)
     files = (path for path in beside if path.is_file() and hash_file(path) == record.sha256)
-    file = next(files, None) or find_checkpoint(record.file)
+    named = beside[0] if on_server(record.file) else record.file
+    file = next(files, None) or find_checkpoint(named)
     if (digest := hash_file(file)) != record.sha256:
         raise InputError(
             f"{path}: checkpoints: {file} is another file than the one that drove (SHA-256 "

@@ -22,7 +22,7 @@ from zoo.base.new_folder import command_folder
 from zoo.base.output_files import check_output
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import write_output
-from zoo.checkpoints.checkpoint_path import FOLDER as CHECKPOINTS
+from zoo.checkpoints.checkpoint_path import FOLDER, on_server
 from zoo.driving.clustered import SHARE, clustered
 from zoo.driving.intervals import Estimate
 from zoo.extras.research.share_panels import share_panels
@@ -204,7 +204,7 @@ def of_runs(ranking: Ranking) -> Paper:
             run, label = Run(scored.folder), f"{index}-{number}"
             commands.append(paper.add_run(label, run))
             if run.checkpoint_path:
-                inside = f"runs/{label}/{CHECKPOINTS}/{run.checkpoint_path.name}"
+                inside = f"runs/{label}/{FOLDER}/{run.checkpoint_path.name}"
                 paper.add_file(inside, run.checkpoint_path, MOST_CHECKPOINT_BYTES)
             code = code_name(run.metrics.get("code") or {})
             facts = {"seed": scored.seed, "data": scored.trained_on.name, "code": code}
@@ -304,7 +304,7 @@ def _add_entry(paper: Paper, name: str, position: str, entry: Entry) -> None:
         paper.add_file(f"{inside}/{file}", folder / file)
     for number, driver in enumerate(result.checkpoints, 1):
         digits = (driver.sha256 or "")[:16]
-        places = [*files_beside(driver, folder), Path(driver.file)]
+        places = files_beside(driver, folder) + [Path(driver.file)] * (not on_server(driver.file))
         files = (path for path in places if path.is_file() and hash_file(path) == driver.sha256)
         path = next(files, None)
         checkpoints.append(str(path or driver.file))
