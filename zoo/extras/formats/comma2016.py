@@ -105,8 +105,7 @@ def _dataset(file: Any, path: Path, name: str, dimensions: int) -> Any:
     """Return a dataset of numbers, which no link leads to another file for."""
     import h5py
 
-    is_here = isinstance(file.get(name, getlink=True), h5py.HardLink)
-    data: Any = file[name] if is_here else None
+    data: Any = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
     fits = isinstance(data, h5py.Dataset) and data.ndim == dimensions and data.dtype.kind in "uif"
     if not fits or data.external or data.is_virtual:
         raise InputError(f"{path}: {name} is no array of numbers in the file; {REMEDY}")

@@ -97,8 +97,7 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         stats = _stats(columns, range(len(kept)), counts, range(len(episodes)))
         info = _info(columns, cameras, size, len(episodes), rate)
         for name, contents in ((STATS, stats), (INFO, info)):
-            text = json.dumps(contents, indent=4) + "\n"
-            (part / name).write_text(text, encoding="utf-8")
+            (part / name).write_text(json.dumps(contents, indent=4) + "\n", encoding="utf-8")
         write_car(part, recording)
     notes = left_out_note(left_out, "an image is damaged")
     notes += [

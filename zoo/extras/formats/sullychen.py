@@ -8,7 +8,7 @@ for a servo's numbers, which is why the images must agree.
 import re
 from collections.abc import Iterator
 from contextlib import suppress
-from datetime import datetime, timezone
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +51,7 @@ def read(path: Path, options: ReadOptions) -> Recording:
     """
 
     def parse(text: str) -> dict[str, Any]:
-        row = _ROW.fullmatch(text)
-        if row is None:
+        if not (row := _ROW.fullmatch(text)):
             raise ValueError(f"{text!r:.80} is not IMAGE DEGREES[,DATE TIME]")
         image, degrees, moment = row.groups()
         return {"center": inside(path, image), "steering": float(degrees), "time_s": _time(moment)}
@@ -65,10 +64,13 @@ def read(path: Path, options: ReadOptions) -> Recording:
 
 
 def _lines(log: Path) -> Iterator[tuple[str, str]]:
+    colons = -1  # of the time in the row before
     with open_text(log, MOST_LOG_BYTES, errors="replace") as file:
         for line, text in enumerate(file, 1):
-            if text.strip() and text.endswith("\n"):  # the last may be half written
+            is_whole = _ROW.fullmatch(text.strip()) and text.count(":") == colons
+            if text.strip() and (text.endswith("\n") or is_whole):  # the last may be half written
                 yield f"{log}, row {line}", text.strip()
+            colons = text.count(":")
 
 
 def _time(text: str | None) -> float:
@@ -76,5 +78,5 @@ def _time(text: str | None) -> float:
         return float("nan")
     # The release of 2018 writes 11 ms as `:11`, which strptime's %f takes for 110 ms.
     second, _, milliseconds = text.rpartition(":")
-    moment = datetime.strptime(f"{second}:{milliseconds:0>3}", "%Y-%m-%d %H:%M:%S:%f")
-    return moment.replace(tzinfo=timezone.utc).timestamp()
+    moment = f"{second}:{milliseconds:0>3}+0000"
+    return datetime.strptime(moment, "%Y-%m-%d %H:%M:%S:%f%z").timestamp()
