@@ -10,7 +10,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.checkpoint_path import short_name, trained_paths
+from zoo.checkpoints.checkpoint_path import on_server, short_name, trained_paths
 from zoo.checkpoints.checkpoint_policy import CheckpointPolicy, load_policy
 from zoo.checkpoints.policy_base import Policy
 from zoo.driving.drive_log import LOG_NAME, read_drive
@@ -97,14 +97,14 @@ class ReportedEvaluation(ReportedDrives):
     def title(self) -> str:
         """Return the name of what drove, or the last folders of its path, and the tracks."""
         name = str(self.metrics.get("checkpoint") or "a policy")
-        shown = short_name(Path(name)) if Path(name).is_file() else name
+        shown = short_name(Path(name)) if not on_server(name) and Path(name).is_file() else name
         return f"{last_folders(shown)}: {', '.join(self.tracks)}"
 
     @cached_property
     def policy(self) -> Policy:
         """Load what drove; raise InputError if its file is gone, or it was a function."""
         path = Path(str(self.metrics.get("checkpoint")))
-        if not path.is_file():  # of a function the name alone is known
+        if on_server(path) or not path.is_file():  # of a function the name alone is known
             raise InputError(f"{path}: no such file")
         return load_policy(path)
 
