@@ -66,7 +66,7 @@ def short_name(track: str) -> str:
     path = Path(track)
     if drawn := DRAWN.fullmatch(track):
         return f"{Path(drawn[1]).stem}:{drawn[2]}"
-    is_users = path.suffix and path.resolve().parent != track_folder().resolve()
+    is_users = path.suffix and path.absolute().parent != track_folder()
     return path.name if is_users and is_included(path.stem) else path.stem
 
 

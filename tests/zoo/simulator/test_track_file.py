@@ -20,6 +20,7 @@ from zoo.simulator.track_names import (
     ALIASES,
     environment_id,
     recorded_name,
+    short_name,
     track_folder,
     track_names,
 )
@@ -70,6 +71,11 @@ def test_a_users_own_track_needs_only_points_and_has_a_name_of_its_own(tmp_path,
     path.write_text(yaml.safe_dump({"points": SQUARE}))
     track = read_track(str(path))
     assert (track.name, track.width, track.stretches) == (file, 6.4, ())
+
+
+def test_the_file_that_a_strangers_drive_names_as_its_track_is_not_looked_up(tmp_path):
+    (tmp_path / "round.yaml").symlink_to("round.yaml")
+    assert short_name(str(tmp_path / "round.yaml")) == "round"
 
 
 def test_a_road_that_crosses_itself_is_refused_with_both_places(tmp_path):
