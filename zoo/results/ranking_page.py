@@ -155,8 +155,7 @@ class Ranking(Result):
         cells: list[list[tuple[str, float | None]]]
         cells = [[(cell, None) for cell in column.cells] for column in names]
         cells += [list(zip(figure.texts, figure.values, strict=True)) for figure in figures]
-        axes: list[dict[str, str | bool]]
-        axes = [
+        axes: list[dict[str, str | bool]] = [
             {"key": setting.name, "heading": setting.name, "kind": "setting"}
             for setting in settings
         ]

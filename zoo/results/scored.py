@@ -41,7 +41,7 @@ class Scored:
         settings: what a run's repeats have in common, such as the config without the training
             seed; empty for what is not a run.
         overrides: overrides that the user typed, by key, without those of Hydra itself; settings of
-            an evaluation that are not the usual ones.
+            an evaluation that are not the usual ones; hash of the code of a benchmark.
         seed: training seed.
         trainings: number of trainings that drove.
         precision: precision of the training; empty where it is unknown.
@@ -263,6 +263,7 @@ def load_benchmark(folder: Path) -> Scored:
         tracks={suite: figures},
         counts={suite: (sum(record.is_clean for record in records), len(drives))},
         source=BENCHMARK,
+        overrides={"code": str(result.code.get("hash"))[:6]},
         trainings=sum(driver.sha256 is not None for driver in result.checkpoints),
     )
 

@@ -145,6 +145,9 @@ def test_results_of_the_benchmark_are_ranked(capsys: pytest.CaptureFixture) -> N
     assert best.mean("autonomy") == pytest.approx(summary["autonomy"].value)
     leaderboard.main(["marks"])
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
+    assert "code" not in ranking.table()[0]
+    write(Path("marks/new"), content | {"code": {"hash": "b2"}})
+    assert {row["code"] for row in leaderboard("marks").table()} == {"a1", "b2"}
 
 
 def test_a_folder_that_two_paths_name_counts_once(
