@@ -86,7 +86,7 @@ def _frames(source: Path, said: dict) -> list[tuple[np.ndarray, float, str]]:
         (
             _read_frame(recording.images[row, 0]),
             recording.speed_mph[row],
-            f"row {row + 1}, recorded steering {recording.steering[row] + 0.0:+.2f}",
+            f"row {row + 1}, recorded steering {round(recording.steering[row], 2) + 0.0:+.2f}",
         )
         for row in rows
     ]

@@ -301,8 +301,8 @@ def _draw_instruments(image: np.ndarray, state: Overlay) -> list[Label]:
 
 def angle_text(steering: float, rig: Rig | None) -> str:
     """Return a steering in degrees of the wheels; as it is, for a car of unknown rig."""
-    degrees = rig and f"{steering * rig.steering_deg + 0.0:+.1f}°"
-    return (degrees or f"{steering + 0.0:+.2f}").replace("-", "\N{MINUS SIGN}")
+    degrees = rig and f"{round(steering * rig.steering_deg, 1) + 0.0:+.1f}°"
+    return (degrees or f"{round(steering, 2) + 0.0:+.2f}").replace("-", "\N{MINUS SIGN}")
 
 
 def _text_rows(state: Overlay) -> list[tuple[str, str, Colour]]:

@@ -133,7 +133,7 @@ def fed_batch(images: np.ndarray, steering: np.ndarray, colour: str, title: str)
         bottom, middle = top + height - 1, left + width / 2
         tip = middle + length * np.sin(angle), bottom - length * np.cos(angle)
         axis.plot([middle, tip[0]], [bottom, tip[1]], color=ORANGE, lw=2)
-        text = f"{label + 0.0:+.3f}"
+        text = f"{round(label, 3) + 0.0:+.3f}"
         axis.text(middle, top - 0.15 * gap[1], text, fontsize=9, ha="center", va="bottom")
     axis.imshow(sheet, interpolation="nearest", aspect="equal")
     return figure

@@ -194,4 +194,4 @@ def labelled_frame(name: str, frame: np.ndarray, steering: float, caption: str) 
 
 def signed(steering: float) -> str:
     """Return a steering as text, with its sign."""
-    return f"{steering + 0.0:+.3f}"
+    return f"{round(steering, 3) + 0.0:+.3f}"

@@ -160,8 +160,8 @@ def _worst(run: ReportedDrives, track: str, drives: list[WrittenDrive]) -> list[
         lost = "Intervention. " if row.intervention else ""
         caption = (
             f"{lost}{row.time_s:.1f} s, start seed {drive.seed}, cross-track error "
-            f"{row.cross_track_m:+.2f} m, steering {row.steering + 0.0:+.2f}, "
-            f"{row.speed_mph:.0f} mph"
+            f"{round(row.cross_track_m, 2) + 0.0:+.2f} m, "
+            f"steering {round(row.steering, 2) + 0.0:+.2f}, {row.speed_mph:.0f} mph"
         )
         images.append(Image.jpeg(f"{drives[0].folder.name}_worst_{number}.jpg", frame, caption))
     return [

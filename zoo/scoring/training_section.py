@@ -93,7 +93,7 @@ def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
         for predictor, row in {name: scores, **baselines[part]}.items():
             texts = [f"{row[key]:.4f}" for key in ("mse", "mae", "balanced_mae")]
             shown = part if predictor == name else ""
-            rows.append([shown, predictor, *texts, f"{row['bias']:+.4f}"])
+            rows.append([shown, predictor, *texts, f"{round(row['bias'], 4) + 0.0:+.4f}"])
     return Table.of(["rows", "predictor", "MSE", "MAE", "balanced MAE", "bias"], rows)
 
 

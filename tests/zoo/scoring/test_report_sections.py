@@ -21,16 +21,17 @@ from tests.zoo.command_runs import run_here, succeed
 from tests.zoo.compositions import composed
 from zoo.base.compose import choices
 from zoo.base.errors import InputError
+from zoo.base.rig import UDACITY
 from zoo.commands.evaluate import evaluate_or_replay as command
 from zoo.commands.film import film
-from zoo.driving.drive_film import WorstMoments, badness
+from zoo.driving.drive_film import WorstMoments, angle_text, badness
 from zoo.driving.drive_log import read_drive
 from zoo.driving.drive_record import DriveRow
 from zoo.models.make_network import make_network, view_of
 from zoo.models.network_facts import facts_of
-from zoo.scoring.data_section import find_recovery
+from zoo.scoring.data_section import find_recovery, signed
 from zoo.scoring.drive_section import infractions
-from zoo.scoring.training_section import network_layers
+from zoo.scoring.training_section import metrics_table, network_layers
 
 
 @pytest.mark.parametrize("model", choices("model"))
@@ -151,6 +152,12 @@ def test_an_intervention_is_worse_than_any_distance() -> None:
     for number, (error, lost) in enumerate([(3.0, False), (0.5, True), (2.0, False)]):
         moments(FRAME, DriveRow(time_s=10.0 * number, cross_track_m=error, intervention=lost))
     assert [row.intervention for _, row, _ in moments.moments] == [True]
+
+
+def test_what_rounds_to_zero_has_no_minus() -> None:
+    scores = {"mse": 0.0, "mae": 0.0, "balanced_mae": 0.0, "bias": -1e-6}
+    assert metrics_table("net", {"val": scores}, {"val": {}}).cells[0][-1] == "+0.0000"
+    assert (signed(-1e-6), angle_text(-1e-6, UDACITY)) == ("+0.000", "+0.0°")
 
 
 def test_a_scored_drive_can_be_filmed(checkpoint: str, tmp_path: Path) -> None:
