@@ -69,11 +69,10 @@ def open_loop(run: ReportedRun) -> list[Block]:
 
 def scatter(run: ReportedRun) -> list[Block]:
     """Return plots of predicted against recorded steering."""
-    figures = run.figures("open_loop")
     images = [
         run.plot(f"predicted_against_true_{part}", f"{part} rows, with the line of equality.")
         for part in ("val", "test")
-        if part in figures
+        if part in run.figures("open_loop")
     ]
     if not images:
         raise InputError("The split has neither validation nor test rows.")
@@ -169,8 +168,7 @@ def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Laye
     finally:
         for hook in hooks:
             hook.remove()
-    rest = [p for p in network.parameters() if id(p) not in counted]
-    if rest:
+    if rest := [p for p in network.parameters() if id(p) not in counted]:
         layers.append(Layer("", "parameters outside layers", (), sum(p.numel() for p in rest)))
     return layers
 
@@ -234,7 +232,9 @@ def command(run: ReportedRun) -> list[Block]:
 def settings(run: ReportedRun) -> list[Block]:
     """Return the options of the run's config groups, the versions and the config."""
     chosen = {group: run.choices[group] for group in GROUPS if run.choices.get(group)}
-    chosen["data.root"] = run.config["data"].get("root")  # data=lake does not name its folder
+    chosen["data.root"] = root = run.config["data"].get("root")
+    if (run.config["data"].get("record") or {}).get("out") not in (None, root):
+        chosen.pop("data", None)  # data=lake, whose laps were not used
     rows = [
         [group, ", ".join(map(str, value)) if isinstance(value, list) else str(value)]
         for group, value in chosen.items()

@@ -138,6 +138,7 @@ def test_the_command_repeats_the_run(markdown: str) -> None:
 def test_the_settings_name_the_recording(markdown: str, recorded: Written) -> None:
     settings = markdown[markdown.index("## Settings") :]
     assert "| data.root |" in settings
+    assert "| data |" not in settings, "data=lake was not recorded"
     assert Path(recorded.folder).name in settings[: settings.index("<details>")]
 
 
