@@ -18,7 +18,7 @@ DRIVING = ("autonomy", "interventions", "cte_mean_m")
 SHORT = ("experiment", "parameters", "test_mse", "test_mae")  # in TeX
 COPIED = ("parameters", "samples_per_second", "seconds_per_epoch", "best_epoch", "epochs")
 PRINTED = (
-    *("experiment", "split", *COPIED),
+    *("experiment", "recording", "split", *COPIED),
     *(f"test_{error}{baseline}" for error in ERRORS for baseline in ("", "_zero", "_mean")),
 )
 
@@ -43,7 +43,7 @@ class FinishedRuns(Result):
     def show(self) -> None:
         """Print a row of Markdown for each run."""
         rows = [{name: figures.get(name) for name in PRINTED} for figures in self.figures]
-        for line in Table.of_figures(rows).markdown(left=2).splitlines():
+        for line in Table.of_figures(rows).markdown(left=3).splitlines():
             print(printable(line))
         print_written(self.written)
 
@@ -60,8 +60,8 @@ def results(
 ) -> FinishedRuns | None:
     """Print finished runs as a Markdown table.
 
-    Each run has a row: parameters, samples per second, test errors, and the errors of two
-    baselines: steering always zero, and always the mean.
+    Each run has a row: recording, parameters, samples per second, test errors, and the errors of
+    two baselines: steering always zero, and always the mean.
 
     Args:
         *run_folder: folders of finished runs.
@@ -116,6 +116,7 @@ def run_figures(run: Run) -> dict[str, Cell]:
         "run": str(folder),
         "experiment": name,
         "seed": metrics.get("seed"),
+        "recording": run.trained_on.name,
         "split": str(run.config["data"]["split"]),
         **{name: metrics[name] for name in COPIED},
         "val_mse": metrics["open_loop"].get("val", {}).get("mse"),
