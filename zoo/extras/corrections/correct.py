@@ -54,15 +54,14 @@ def correct(ckpt: str, *overrides: str, options: CorrectOptions) -> None:
         again = command_line(["drivezoo", "correct", *words])
         raise StoppedError(f"stopped; finished rounds are kept; resume with: {again}") from None
     console.print(rounds_table(rounds))
-    best = best_round(rounds)
-    if best["number"] == 0:
-        console.print("no round drives better than the original checkpoint", highlight=False)
-        print_written([folder], ["correct", "--help"], console)
-    else:
+    best, data = best_round(rounds), correction.checkpoint.data
+    if best["number"]:
         console.print(f"best checkpoint: round {best['number']}", highlight=False)
-        made, data = best["checkpoint"], correction.checkpoint.data
-        following = next_drive(made, data, ["benchmark", made, "suite=quick"])
-        print_written([made], following, console)
+    elif rounds[1:]:
+        console.print("no round drives better than the original checkpoint", highlight=False)
+    made = best["checkpoint"]
+    following = next_drive(made, data, ["benchmark", made, "suite=quick"])
+    print_written([made if best["number"] else folder], following, console)
 
 
 if __name__ == "__main__":

@@ -284,5 +284,6 @@ def rounds_table(rounds: Sequence[dict]) -> PrintedTable:
         for track, figures in row["tracks"].items()
     ]
     head = ["round", "track", "rows", "autonomy", "interventions", "mean error, m", "max, m"]
-    caption = "±: sample standard deviation over the start seeds"
+    several = any("±" in cell for row in rows for cell in row)
+    caption = "±: sample standard deviation over the start seeds" if several else None
     return Table.of(head, rows).narrow().printed(left=2, caption=caption, caption_justify="left")

@@ -190,6 +190,8 @@ def test_a_checkpoint_that_drives_well_is_not_corrected(checkpoint: str, tmp_pat
     printed = succeed(run_here(tmp_path, checkpoint, *options, module=MODULE))
     assert "enough_m=5" in printed
     assert "with 1 start seed from 0 on" in printed
+    assert not re.search("no round drives|±|--help", printed), "there was no round"
+    assert "next: drivezoo benchmark" in printed
     assert len(rounds_of(tmp_path / "out")) == 1
     assert not list((tmp_path / "out").rglob("*.ckpt"))
 
