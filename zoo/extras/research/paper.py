@@ -87,8 +87,9 @@ class Paper:
     notes: list[str] = field(default_factory=list)
 
     def add_file(self, name: str, path: Path, most_bytes: int = MOST_BYTES) -> None:
-        """Add a file to the archive, unless it is a link or too large."""
-        if not path.is_file() or path.is_symlink():
+        """Add a file to the archive, unless it is too large, or is or lies in a stranger's link."""
+        links = [path, *path.parents][: len(Path(name).parts) - 2]  # below the run or the result
+        if not path.is_file() or any(map(Path.is_symlink, links)):
             return
         if (size := path.stat().st_size) > most_bytes:
             self.notes.append(f"not in {ARCHIVE}: {path} ({size / 1e6:.1f} MB)")
@@ -174,7 +175,8 @@ def of_results(entries: Sequence[Entry]) -> Paper:
     drawn = _levels if entries[0].result.has_levels else _thresholds
     paper.plots["profiles"] = drawn(dict(zip(names, entries, strict=True)))
     for number, (name, entry) in enumerate(zip(names, entries, strict=True), 1):
-        _add_entry(paper, name, f"{number}_{_plain(entry.result.entry)}", entry)
+        plain = re.sub(r"[^\w.-]", "_", entry.result.entry)[:60]
+        _add_entry(paper, name, f"{number}_{plain}", entry)
     return paper
 
 
@@ -368,7 +370,3 @@ def _archive(files: Mapping[str, bytes]) -> bytes:
         for name, data in sorted(files.items()):
             archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)
     return contents.getvalue()
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[^\w.-]", "_", name)[:60]

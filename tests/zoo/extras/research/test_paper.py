@@ -126,11 +126,15 @@ def test_trainings_have_no_pairs_and_the_notes_name_the_command() -> None:
         for seed in (1, 2):
             folder = Path("sweep", f"{model}{seed}")
             write_run(folder, autonomy + 0.02 * seed, seed=seed, overrides=(f"model={model}",))
+    (folder / ".hydra").rename("mine")
+    (folder / ".hydra").symlink_to(Path("mine").absolute())
     shown = leaderboard("sweep", paper="paper")
     assert [row["model"] for row in rows("paper/table.csv")] == ["lenet", "tiny"]
     assert not Path("paper/pairs.csv").exists()
     assert "drivezoo benchmark sweep/lenet1 sweep/lenet2 out=marks/1 entry=entry_1" in shown.notes
-    assert "runs/2-1/.hydra/config.yaml" in zipfile.ZipFile("paper/repeat.zip").namelist()
+    names = zipfile.ZipFile("paper/repeat.zip").namelist()
+    assert {f"runs/{run}/.hydra/config.yaml" in names for run in ("1-1", "2-1")} == {True}
+    assert "runs/1-2/.hydra/config.yaml" not in names  # a stranger's link
 
 
 def test_another_packages_files_stand_beside_ours(here: Path) -> None:
