@@ -30,7 +30,8 @@ def write_rig_of(folder: Path, rig: Rig | None, source: str, is_long: bool = Fal
     """Write the car or format of a log's frames, and the rig if it is known, if not Udacity's."""
     if rig == UDACITY:
         return
-    content = {"version": 1, "format": source, "long_drive": is_long}
+    name = re.sub(r"[^\w.-]", "_", source[:80])  # of a road's file, it may have blanks
+    content = {"version": 1, "format": name, "long_drive": is_long}
     (folder / SOURCE_NAME).write_text(f"{json.dumps(content)}\n", encoding="utf-8")
     if rig:
         write_rig(folder, rig)

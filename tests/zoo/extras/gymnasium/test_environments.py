@@ -175,9 +175,9 @@ def test_laps_are_counted_over_all_episodes_of_a_drive() -> None:
 
 
 def test_a_drive_is_recorded_without_the_frames_of_its_interventions(tmp_path: Path) -> None:
-    Path("small.yaml").write_text(MAPPED + ROAD)
+    Path("small car.yaml").write_text(MAPPED + ROAD)
     policy, keep = as_policy(lambda frame, mph: (0.1, -0.5)), KeptDrive(tmp_path / "a", record=True)
-    scenario = Scenario(world="small.yaml", throttle="network")
+    scenario = Scenario(world="small car.yaml", throttle="network")
     (figures,) = all_drives(policy, [scenario], keep)
     assert figures["interventions"] == 3
     recording = read_recordings(str(tmp_path / "a"))
@@ -185,7 +185,7 @@ def test_a_drive_is_recorded_without_the_frames_of_its_interventions(tmp_path: P
     assert np.diff(recording.time_s).round(2).tolist().count(0.1) == 26, "four passes"
     assert set(recording.brake) == {0.5}
     assert recording.image(0).shape == (8, 12, 3)
-    assert other_car(recording) == "small", "the embedded tracks show another camera"
+    assert other_car(recording) == "small_car", "the embedded tracks show another camera"
 
 
 def test_a_film_plays_at_the_environments_own_rate(tmp_path: Path) -> None:
