@@ -82,8 +82,7 @@ def settle_windows(config: DictConfig) -> DictConfig:
     for key, single in vars(Window()).items():  # of networks without the key
         asked = config.data.get(key)
         if key in config.model:
-            settled = config.model[key] if asked is None else asked
-            config.model[key] = settled
+            config.model[key] = settled = config.model[key] if asked is None else asked
         elif asked is None or asked == single:
             settled = single
         else:
@@ -153,8 +152,8 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
         if digest != str(fingerprint):
             raise InputError(
                 f"{folder}: the recording's fingerprint is {digest}, data.record.fingerprint is "
-                f"{fingerprint}: its rows were changed, or other code recorded them; remove "
-                f"{folder} to record again, or set data.record.fingerprint=null to train on it"
+                f"{fingerprint}: its rows were changed, or other code recorded them; remove it to "
+                "record again, or set data.record.fingerprint=null to train on it"
             )
     config = config.copy()
     config.data.root = escape_interpolation(str(folder))
@@ -171,11 +170,8 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
             f"{folder}: exists but holds no {RECIPE}; remove it, or name your own recording "
             "with data.root=FOLDER"
         )
-    print_line(
-        console,
-        f"recording {counted(len(recipe['passes']), 'drive')} with the embedded simulator, once, "
-        f"in {folder}",
-    )
+    drives = counted(len(recipe["passes"]), "drive")
+    print_line(console, f"recording {drives} with the embedded simulator, once, in {folder}")
     try:
         with whole_folder(folder, "data.record.out=") as unfinished:
             common: dict[str, Any] = {"out": str(unfinished), "relative": True}

@@ -100,7 +100,10 @@ class SteeringModule(RunModule):
             rows = predicted.flatten(0, 1) if has_memory else predicted
             if targets.ndim != 2 or targets.shape[1] > rows.shape[1]:  # they would be broadcast
                 raise InputError(f"targets_of: {[*targets.shape]} for outputs of {[*rows.shape]}")
-            return loss(rows, targets)
+            value = loss(rows, targets)
+            if not isinstance(value, Tensor) or value.numel() != 1:
+                raise InputError(f"loss: {type(loss).__name__} must return one number, as a mean")
+            return value
 
         return batch_loss
 
@@ -259,6 +262,8 @@ class SteeringModule(RunModule):
     def configure_optimizers(self) -> "OptimizerLRScheduler":
         """Return the optimizer and its scheduler, as Lightning expects them."""
         optimizer = self.make_optimizer(self.parameter_groups())
+        if not isinstance(optimizer, torch.optim.Optimizer):
+            raise InputError(f"make_optimizer: {optimizer!r:.80} is no optimizer of torch.optim")
         if (schedule := self.make_schedule(optimizer)) is None:
             return {"optimizer": optimizer}
         return {"optimizer": optimizer, "lr_scheduler": schedule}

@@ -166,6 +166,17 @@ def test_targets_that_a_loss_would_broadcast_are_refused(columns: Callable) -> N
         module._loss(batch_of(network))
 
 
+@pytest.mark.parametrize("value", [None, 0.5, torch.ones(2)])
+def test_a_loss_or_an_optimizer_of_the_user_that_is_none_is_named(value: object) -> None:
+    network = network_of(NAMES[0])
+    loss = type("Mine", (nn.Module,), {"forward": lambda *_: value})()
+    module = SteeringModule(network, loss, optimizer=lambda _: value)
+    with pytest.raises(InputError, match=r"^loss: Mine must return one number"):
+        module._loss(batch_of(network))
+    with pytest.raises(InputError, match=r"^make_optimizer: .* is no optimizer"):
+        module.configure_optimizers()
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_windows_of_one_frame_are_plain_batches(name: str) -> None:
     """A datamodule without windows has images [N, C, H, W] and targets [N, 2]."""
