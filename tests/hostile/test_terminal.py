@@ -81,6 +81,14 @@ def test_a_report_escapes_the_name_of_its_run(tmp_path: Path) -> None:
     assert len(result.stdout.splitlines()) == 3, "two files and the next command"
 
 
+def test_a_sweep_escapes_why_its_jobs_failed(tmp_path: Path) -> None:
+    log = write_recording(tmp_path / "lake", rows=30).log
+    log.write_text(log.read_text().replace("center_", EVIL.replace("\r", "")))
+    result = run_here(tmp_path, "-m", "data.root=lake", "seed=1,2")
+    assert SHOWN in result.stdout
+    assert not control_characters(result.stdout + result.stderr)
+
+
 def test_rich_escapes_texts_and_keeps_its_own_sequences(capsys: pytest.CaptureFixture) -> None:
     guard_rich()
     table = Table(EVIL)

@@ -13,7 +13,7 @@ from zoo.base.command_keys import typed_keys
 from zoo.base.compose import escape_interpolation, hydra_overrides, plain_dict
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, UsageError
-from zoo.base.terminal import command_line, counted
+from zoo.base.terminal import command_line, counted, printable
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import trained_paths
 from zoo.runs.saved_config import check_saved_config, overridden, split_trust
@@ -59,7 +59,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
         epochs = metrics.get("epochs") or 0
         moved = [k for k in LIMITS if saved.trainer.get(k) not in (None, config.trainer.get(k))]
         if not overrides or (_max_epochs(config) <= epochs and not moved):
-            print("\n".join(_finished_lines(folder, saved, metrics, overrides)))
+            print(*map(printable, _finished_lines(folder, saved, metrics, overrides)), sep="\n")
             return
         if not last.is_file():
             raise InputError(

@@ -23,7 +23,7 @@ from zoo.base.child_process import run_module
 from zoo.base.console_progress import loading
 from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.process_ranks import needs_processes
-from zoo.base.terminal import is_verbose, print_line
+from zoo.base.terminal import is_verbose, print_line, printable
 from zoo.base.whole_file import write_whole
 from zoo.results.ranking import folder_label
 from zoo.results.scored import finished_run
@@ -228,7 +228,7 @@ def run_job(config: DictConfig) -> None:
     serial = hydra.runtime.choices["hydra/launcher"] == SERIAL
     whole = serial and is_verbose()
     if serial:
-        print(_heading(folder), end="\n" if whole else ": ", flush=True)
+        print(printable(_heading(folder)), end="\n" if whole else ": ", flush=True)
     else:
         _set_up_worker(config)
     try:
@@ -246,7 +246,7 @@ def run_job(config: DictConfig) -> None:
             write_status(folder, "failed", reason=reason.splitlines()[0])
     finally:
         if serial and not whole:
-            print(result_text(folder), flush=True)
+            print(printable(result_text(folder)), flush=True)
 
 
 def _heading(folder: Path) -> str:
