@@ -87,9 +87,9 @@ class Grade:
     @property
     def share(self) -> float | None:
         """Return the share of its marks that are passed; None where nothing was driven."""
-        if not self.reached:
-            return None
-        return sum(mark.passed for mark in self.reached) / len(self.reached)
+        return (
+            sum(mark.passed for mark in self.reached) / len(self.reached) if self.reached else None
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -206,8 +206,7 @@ def grade_class(
                     graded.written.extend(_write_marks(graded, suite))
                     report(count / len(jobs))
             except KeyboardInterrupt:
-                again = f"stopped; the same command with out={out} resumes"
-                raise StoppedError(again) from None
+                raise StoppedError(f"stopped; the same command with out={out} resumes") from None
             finally:
                 stop.set()  # Ctrl-C does not reach the processes on Windows
                 pool.shutdown(wait=False, cancel_futures=True)
@@ -309,9 +308,11 @@ def _drive(
             raise InputError(f"killed by {how}, perhaps because memory ran out")
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         problem = lines[-1].rpartition("drivezoo benchmark: ")[2] if lines else ""
-        # A student hands in what drives without further Python.
+        # A student hands in what drives without further Python, and has no other file to name.
         what, for_python, _ = problem.partition("; three lines of Python drive it")
         problem = f"{what}; hand in an ONNX file or a checkpoint" if for_python else what
+        what, another, _ = problem.partition("name another checkpoint")
+        problem = f"{what}hand in another" if another else what
         raise InputError(problem or f"ended with {process.returncode}")
 
 

@@ -197,6 +197,9 @@ def test_weights_alone_are_handed_in_again_not_driven_by_python(
     torch.save(torch.nn.Linear(2, 1).state_dict(), file)
     line = refusal(graded._drive, out, Submission("net", file), suite, 5, Event())
     assert line.endswith("whose layers are code; hand in an ONNX file or a checkpoint")
+    file.write_bytes(file.read_bytes()[:500])
+    line = refusal(graded._drive, out, Submission("net", file), suite, 5, Event())
+    assert line.endswith("copy it again, or hand in another")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems set no such limit")
