@@ -41,7 +41,7 @@ class Scored:
         settings: what a run's repeats have in common, such as the config without the training
             seed; empty for what is not a run.
         overrides: overrides that the user typed, by key, without those of Hydra itself; settings of
-            an evaluation that are not the usual ones; hash of the code of a benchmark.
+            an evaluation that are not the usual ones; speed of a drive; code of a benchmark.
         seed: training seed.
         trainings: number of trainings that drove.
         precision: precision of the training; empty where it is unknown.
@@ -213,6 +213,7 @@ def load_drive(folder: Path) -> Scored:
         tracks={track: figures},
         counts={track: (int(not figures.get("interventions")), 1)} if "autonomy" in figures else {},
         source=summary.get("drive") or "",
+        overrides={"set_mph": f"{speed:g}"} if (speed := summary.get("set_mph")) else {},
     )
 
 
@@ -307,10 +308,10 @@ def _settings(run: Run) -> str:
 
 def _typed(run: Run) -> dict[str, str]:
     """Return the typed overrides by key."""
-    words = ("true", "false", "null")  # which Hydra takes in capitals, too
     pairs = [override.lstrip("+~").partition("=") for override in run.overrides]
     return {
-        key: value.lower() if value.lower() in words else value
+        # Hydra takes these words in capitals, too.
+        key: value.lower() if value.lower() in ("true", "false", "null") else value
         for key, _, value in pairs
         if not key.startswith(("hydra", "callbacks.pr"))
     }

@@ -239,6 +239,7 @@ def test_an_evaluation_is_one_entry_with_its_means(capsys: pytest.CaptureFixture
 def test_a_drive_is_measured_where_its_file_lacks_figures(tmp_path: Path) -> None:
     folder = write_socket_drive(tmp_path / "drive")
     whole, file = load_drive(folder), folder / "drive.json"
+    assert whole.overrides == {"set_mph": "20"}, "a column where drives differ"
     file.unlink()
     (measured,) = load_drive(folder).tracks.values()
     assert measured == pytest.approx(whole.tracks["lake"])
