@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -299,11 +299,11 @@ def _settings(run: Run) -> str:
     """Return config and recordings as text, equal for repeats of a run."""
     config = {key: value for key, value in run.config.items() if key != "seed"}
     # A search adds this callback to each trial; it holds the trial's number.
-    # The fingerprint identifies a recording; its path may be written in several ways.
+    # The fingerprint identifies a recording, wherever its folder was moved to.
     for section, ignored in (("callbacks", "pruning"), ("data", "root")):
         if isinstance(inner := config.get(section), dict):
             config[section] = {key: value for key, value in inner.items() if key != ignored}
-    return json.dumps([config, *astuple(run.trained_on)], sort_keys=True)
+    return json.dumps([config, run.trained_on.fingerprint or run.trained_on.roots], sort_keys=True)
 
 
 def _typed(run: Run) -> dict[str, str]:

@@ -266,8 +266,9 @@ def test_what_is_damaged_is_named_the_others_ranked(file: str, text: str, tmp_pa
 
 def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) -> None:
     for seed, autonomy in ((1, 0.9), (2, 1.0), (3, 0.8)):
-        write_run(tmp_path / str(seed), autonomy, seed=seed, start_seeds=3, root="/a/lake")
-    write_run(tmp_path / "other", 0.85, overrides=("model=lenet",), root="/a/lake")
+        about = {"root": f"/{seed}/lake", "fingerprint": "a" * 16}  # a folder that was moved
+        write_run(tmp_path / str(seed), autonomy, seed=seed, start_seeds=3, **about)
+    write_run(tmp_path / "other", 0.85, overrides=("model=lenet",), **about | {"root": "/1/lake"})
     first, second = rank(read_scored(sorted(tmp_path.iterdir()))[0])
     assert [run.seed for run in first.runs] == [1, 2, 3]
     mean, spread = first.figures["autonomy"]
