@@ -37,6 +37,7 @@ REFUSED = {
 def test_an_error_escapes_control_characters_in_one_line(name: str, tmp_path: Path) -> None:
     module, arguments = REFUSED[name]
     assert not control_characters(only_line(run_here(tmp_path, *arguments, module=module)))
+    assert not control_characters(run_here(tmp_path, "-v", *arguments, module=module).stderr)
 
 
 def test_check_escapes_folders_and_images_of_a_log(tmp_path: Path) -> None:

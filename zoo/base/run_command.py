@@ -16,7 +16,7 @@ from typing import NoReturn, TextIO
 
 from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.base.parts import part_failure, take_parts
-from zoo.base.terminal import error_line, guard_rich, is_verbose, take_verbosity
+from zoo.base.terminal import error_line, guard_rich, is_verbose, printable, take_verbosity
 
 FAILED, WRONG_USE, STOPPED = 1, 2, 130  # exit statuses; 0 is success
 VERSION = ("--version", "-V")
@@ -60,15 +60,14 @@ def run_command(name: str, command: Callable[[list[str]], object], arguments: li
         failure = expected_failure(error)
         if failure is None and not isinstance(error, Exception):
             raise
+        if failure is None or is_verbose():
+            print(*map(printable, traceback.format_exc().splitlines()), sep="\n", file=sys.stderr)
         if failure is None:
-            traceback.print_exc()
             bug = "this is a bug in drivezoo; please report it with the command and the lines above"
             print(f"{name}: {bug}", file=sys.stderr)
             return FAILED
     if failure is None:
         return 0
-    if is_verbose():
-        traceback.print_exception(failure)
     print(error_line(name, failure), file=sys.stderr)
     if isinstance(failure, StoppedError):
         return STOPPED
