@@ -102,7 +102,7 @@ class EditPage(ServedPage):
             raise RequestError(HTTPStatus.NOT_FOUND, "this camera has no image in this row")
         try:
             data = read_stored(path)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, InputError) as error:
             line = f"{path}: {getattr(error, 'strerror', None) or error}"
             raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, line) from None
         if not isinstance(data, bytes):

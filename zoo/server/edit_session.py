@@ -235,7 +235,7 @@ class FrameAnalysis:
             self._last = notable_rows.thumbnail(path)
             if last is not None:
                 self._differences[row] = notable_rows.frame_difference(last, self._last)
-        except (OSError, ValueError):
+        except (OSError, ValueError, InputError):  # InputError of a damaged video
             self._differences[row] = np.inf
         if self.policy is None:
             return

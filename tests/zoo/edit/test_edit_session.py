@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.image import StoredImage
 from datamodules.recording_edits import Edits
 from datamodules.recording_format import read_recordings
 from tests.recordings import Written
@@ -76,6 +77,19 @@ class Counting(Policy):
 
     def reset(self) -> None:
         self.frames = 0
+
+
+def test_a_video_that_is_damaged_within_does_not_end_the_analysis(recorded: Written) -> None:
+    def reader(file: str, number: int) -> np.ndarray:
+        raise InputError(f"{file}: damaged")
+
+    recording = read_recordings(str(recorded.folder))
+    recording.images[5:, 0] = [
+        StoredImage("v.mp4", row, reader) for row in range(5, len(recording))
+    ]
+    analysis = FrameAnalysis(recording)
+    analysis._analyse()
+    assert analysis.done == len(recording)
 
 
 def test_every_row_is_analysed_in_order_by_a_policy_with_memory(recorded: Written) -> None:
