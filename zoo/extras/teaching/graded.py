@@ -44,8 +44,9 @@ from zoo.results.marks import (
     typed_settings,
     verdict,
 )
-from zoo.results.result import NAME, BenchmarkResult, DriveRecord
+from zoo.results.result import NAME, BenchmarkResult, DriveRecord, code_name
 from zoo.results.suite import Suite, read_suite
+from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import MOST_WHOLE
 from zoo.runs.result_table import Column, Table, number_column
 from zoo.runs.table_files import Result
@@ -117,9 +118,7 @@ class Graded(Result):
     @property
     def lines(self) -> list[str]:
         """Return what a teacher should look at, a line each."""
-        return [
-            f"{grade.submission.name}: {line}" for grade in self.grades for line in grade.warnings
-        ]
+        return [f"{row.submission.name}: {line}" for row in self.grades for line in row.warnings]
 
     @property
     def points(self) -> list[float | None]:
@@ -248,6 +247,8 @@ def _grade(
         result = Benchmarked.read(folder).result
         if line := nan_line(result):
             raise InputError(line)
+        if result.code.get("hash") != code_fingerprint()["hash"]:
+            problems.append(f"driven by other code ({code_name(result.code)}); delete {folder}")
         grade = Grade(submission, result, reached_marks(result, suite.marks))
         with _noted(problems, "not looked at"):
             grade = replace(grade, facts=read_facts(facts_file(folder)))
@@ -360,10 +361,8 @@ def _overview(graded: Graded, suite: Suite) -> list[Section]:
     table = graded.result_table()
     shown = replace(table, columns=table.columns[:-1])  # the last one's texts are long
     left = [column.name for column in shown.columns].index("points")
-    sections = [Section("", [Text(line), Rows(shown, left=left)])]
-    if lines := graded.lines:
-        sections.append(Section("To look at", [Bullets(lines)]))
-    return sections
+    look = [Section("To look at", [Bullets(graded.lines)])] if graded.lines else []
+    return [Section("", [Text(line), Rows(shown, left=left)]), *look]
 
 
 def _write_page(out: Path, grade: Grade, is_secret: bool, problems: Sequence[str]) -> None:

@@ -148,6 +148,10 @@ def test_it_resumes_without_driving_again(
     again = grade(submitted, suite=str(suite), seed=5, out=marked.folder)
     assert [name[:4] for name in driven] == ["eve-"]
     assert again.grades[0].result == marked.grades[0].result
+    assert not any("other code" in line for line in again.lines)
+    monkeypatch.setattr(graded, "code_fingerprint", lambda: {"hash": "another"})
+    (line, *_) = grade(submitted, suite=str(suite), seed=5, out=marked.folder).lines
+    assert line.startswith("ada: driven by other code (")
 
 
 @pytest.mark.usefixtures("as_ada")
