@@ -219,9 +219,9 @@ def of_runs(ranking: Ranking) -> Paper:
 
 def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequence[str]) -> Table:
     results = [entry.result for entry in entries]
-    counts = {
+    counts: dict[str, list[int | None]] = {
         "parameters": [entry.result.checkpoints[0].parameters for entry in entries],
-        "seeds": [entry.seeds for entry in entries],
+        "seeds": [entry.seeds if entry.is_trained else None for entry in entries],
         "drives": [entry.seeds * len(entry.roads) for entry in entries],
     }
     first = results[0].score if results[0].has_levels else SHORT[0]  # that of the order

@@ -50,14 +50,18 @@ def test_results_give_tables_plots_and_a_complete_archive(monkeypatch: pytest.Mo
     write_entry("good", 0.9, checkpoint=checkpoint)
     write_entry("bad", 0.6)
     write_entry("alone", 0.95, seeds=1)
+    baseline = result(np.full((1, len(ROADS)), 0.1), "mean")
+    baseline["checkpoints"][0]["sha256"] = None
+    write(Path("marks/mean"), baseline)
     shown = leaderboard("marks", paper="paper")
     assert not Path("marks/leaderboard.html").exists()  # marks may be somebody's published results
 
     table = rows("paper/table.csv")
-    assert [(row["entry"], row["rank"]) for row in table] == [
-        ("good", "1"),
-        ("bad", "2"),
-        ("alone", "-"),  # how trainings differ is unknown
+    assert [(row["entry"], row["rank"], row["seeds"]) for row in table] == [
+        ("good", "1", "3"),
+        ("bad", "2", "3"),
+        ("alone", "-", "1"),  # how trainings differ is unknown
+        ("mean", "-", ""),  # a baseline
     ]
     assert float(table[0]["sharp_autonomy_low"]) < float(table[0]["sharp_autonomy"])
     (pair,) = rows("paper/pairs.csv")
