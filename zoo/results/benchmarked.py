@@ -295,7 +295,7 @@ def overall_line(result: BenchmarkResult) -> str:
     by = counted(len(result.checkpoints), "training seed") if trained else "without training"
     drives = drives_of(result.drives, OVERALL) or result.drives
     clean = sum(not drive.figures["interventions"] for drive in drives)
-    rate = with_interval(overall(result)["interventions_per_km"], "{:.2f}")
+    rate = with_interval(overall(result)["interventions_per_km"], "{:,.2f}")
     if result.has_levels:
         share = with_interval(overall(result)[result.score], "{:.1f}", 100)
         return f"clean drives, %: {share} ({clean} of {len(drives)}); failures per km: {rate}; {by}"

@@ -27,7 +27,7 @@ class Figure:
 
 
 FIGURES = {
-    "interventions_per_km": Figure("interventions per km", "{:.2f}"),
+    "interventions_per_km": Figure("interventions per km", "{:,.2f}"),
     "without_intervention": Figure("drives without intervention, %", "{:.0f}", 100, True),
     "autonomy": Figure("autonomy, %", "{:.1f}", 100, True),
     "m_per_intervention": Figure("metres per intervention", "{:,.0f}", 1, True),

@@ -18,7 +18,7 @@ from zoo.base.limits import MOST
 from zoo.results.marks import marks_table, missed_line, reached_marks, verdict, write_marks
 from zoo.results.result import BenchmarkResult, Interval
 from zoo.results.suite import Marks, find_suite, read_suite
-from zoo.results.summary import summarize_drives
+from zoo.results.summary import FIGURES, summarize_drives
 from zoo.runs.page import hash_source
 
 MARKS = {
@@ -238,3 +238,8 @@ def test_a_suite_of_too_many_drives_is_refused_before_its_roads_are_drawn(tmp_pa
     drives = [{"track": f"alpine:{number}"} for number in range(MOST["drives"] + 1)]
     path.write_text(json.dumps({"name": "many", "groups": {"like": drives}}))
     assert "many.yaml: groups: has 5,001 drives" in refusal(read_suite, str(path))
+
+
+def test_large_figures_have_thousands_separators() -> None:
+    figure = FIGURES["interventions_per_km"]
+    assert figure.form.format(1234.5) == "1,234.50"
