@@ -205,6 +205,12 @@ function chooseCurves() {
 
 function sortable() {
   const heads = [...document.querySelectorAll("#ranking th")];
+  for (const head of heads) {
+    head.tabIndex = 0;
+    head.addEventListener("keydown", (event) => {
+      if (event.key === "Enter") head.click();
+    });
+  }
   heads.forEach((head, column) => head.addEventListener("click", () => {
     const down = head.getAttribute("aria-sort") === "ascending";
     heads.forEach((one) => one.removeAttribute("aria-sort"));
