@@ -143,7 +143,7 @@ def test_files_with_fewer_and_other_keys_are_read(tmp_path: Path) -> None:
     (folder / STATUS).write_text(json.dumps({"status": "finished", "mood": "good"}))
     (run_read,), unranked = read_scored([folder])
     assert not unranked
-    assert (run_read.autonomy, run_read.wall_s) == (0.9, 0.0)
+    assert (run_read.mean("autonomy"), run_read.wall_s) == (0.9, 0.0)
 
 
 def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
