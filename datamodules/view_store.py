@@ -150,8 +150,8 @@ def _file_key(path: str | Path) -> bytes:
             return f"{path}|unreadable\n".encode()
     except OSError:
         return f"{path}|missing\n".encode()
-    # A moved folder keeps its views.
-    return f"{os.path.basename(path)}|{status.st_size}|{status.st_mtime_ns}\n".encode()  # noqa: PTH119
+    name = os.path.basename(path)  # noqa: PTH119 - a moved folder keeps its views
+    return f"{name}|{status.st_size}|{status.st_mtime_ns}\n".encode()
 
 
 def decode_all(

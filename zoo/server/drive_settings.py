@@ -104,8 +104,8 @@ def check_settings(settings: DriveSettings) -> None:
     """
     if settings.sim and settings.world:
         raise UsageError(f"sim={settings.sim}: world={settings.world} is driven; drop one")
-    idle = () if settings.world else ("scene", "page", *("laps", "put_back") * (not settings.sim))
-    for key in idle:
+    idle = ("scene", "page") if settings.sim else ("scene", "page", "laps", "put_back")
+    for key in () if settings.world else idle:
         if getattr(settings, key) != getattr(DriveSettings, key):
             raise UsageError(f"{key}: changes nothing here; drop it, or add sim= or world=")
     if settings.sim is not None:

@@ -145,8 +145,8 @@ def _front(frozen: nn.Module, data: DrivingData, made_by: list) -> Front:
     shape = compute(np.zeros((1, *data.view.shape), np.uint8)).shape[1:]
     # Sums are rounded in another order by other threads, processors and versions of PyTorch. Names
     # and weights of a user's layers do not tell what they compute.
-    made_by += [device.type, torch.backends.cpu.get_cpu_capability(), torch.__version__]
-    return Front(compute, shape, f"{fingerprint(frozen)} {made_by}")
+    by = [*made_by, device.type, torch.backends.cpu.get_cpu_capability(), torch.__version__]
+    return Front(compute, shape, f"{fingerprint(frozen)} {by}")
 
 
 def fingerprint(frozen: nn.Module) -> str:

@@ -88,9 +88,9 @@ class Grade:
     @property
     def share(self) -> float | None:
         """Return the share of its marks that are passed; None where nothing was driven."""
-        return (
-            sum(mark.passed for mark in self.reached) / len(self.reached) if self.reached else None
-        )
+        if not self.reached:
+            return None
+        return sum(mark.passed for mark in self.reached) / len(self.reached)
 
 
 @dataclass(frozen=True, repr=False)
