@@ -4,8 +4,9 @@ import errno
 import io
 import os
 import struct
+import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,6 +59,37 @@ class StoredImage:
 
     def __str__(self) -> str:
         return f"{self.file}#{self.number + 1}"
+
+
+class ForwardReader:
+    """A reader of files whose contents can only be read in order; one file is open at a time.
+
+    Threads wait for each other: the page of `edit` shows, analyses and writes images at once.
+
+    Args:
+        contents: function from a file to its contents, in order.
+    """
+
+    def __init__(self, contents: Callable[[Path], Iterator[Stored]]) -> None:
+        self._contents = contents
+        self._file, self._next, self._lock = "", 0, threading.Lock()
+
+    def __call__(self, file: str, number: int) -> Stored:
+        """Return what stands at a position of a file; going back begins the file again.
+
+        Raises:
+            ValueError: the file is shorter.
+        """
+        with self._lock:
+            if file != self._file or number < self._next - 1:
+                self._file, self._next, self._items = file, 0, self._contents(Path(file))
+            for item in self._items if number >= self._next else ():
+                self._last, self._next = item, self._next + 1
+                if self._next > number:
+                    break
+            if number >= self._next:
+                raise ValueError(f"it has {self._next:,} images, and this is number {number + 1:,}")
+            return self._last
 
 
 AnyImage = str | Path | StoredImage

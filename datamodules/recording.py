@@ -2,9 +2,8 @@
 
 import hashlib
 import os
-import threading
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,37 +33,6 @@ MOST_INDEX = 2**53  # up to which float64 has all whole numbers
 ROW_SAMPLE = 256  # smallest hashes: a random sample of rows, whose shares are known to 6 %
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
 LAST_S = 253_402_300_800.0  # 10000-01-01: image names have four digits for the year
-
-
-class ForwardReader:
-    """A reader of files whose contents can only be read in order; one file is open at a time.
-
-    Threads wait for each other: the page of `edit` shows, analyses and writes images at once.
-
-    Args:
-        contents: function from a file to its contents, in order.
-    """
-
-    def __init__(self, contents: Callable[[Path], Iterator[Stored]]) -> None:
-        self._contents = contents
-        self._file, self._next, self._lock = "", 0, threading.Lock()
-
-    def __call__(self, file: str, number: int) -> Stored:
-        """Return what stands at a position of a file; going back begins the file again.
-
-        Raises:
-            ValueError: the file is shorter.
-        """
-        with self._lock:
-            if file != self._file or number < self._next - 1:
-                self._file, self._next, self._items = file, 0, self._contents(Path(file))
-            for item in self._items if number >= self._next else ():
-                self._last, self._next = item, self._next + 1
-                if self._next > number:
-                    break
-            if number >= self._next:
-                raise ValueError(f"it has {self._next:,} images, and this is number {number + 1:,}")
-            return self._last
 
 
 @dataclass(frozen=True)

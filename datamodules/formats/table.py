@@ -22,8 +22,8 @@ from datamodules.formats.parquet_columns import (
     encoded_images,
     open_parquet,
 )
-from datamodules.image import StoredImage
-from datamodules.recording import ForwardReader, Recording
+from datamodules.image import ForwardReader, StoredImage
+from datamodules.recording import Recording
 from datamodules.steering_unit import SteeringUnit
 from datamodules.stretches import in_seconds
 from zoo.base.errors import InputError, UsageError, library_errors

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from datamodules.formats.udacity import times_from_names
-from datamodules.recording import ForwardReader
+from datamodules.image import ForwardReader
 from datamodules.recording_format import read_recordings
 from tests.recordings import FOLDERS, replace_in, write_recording
 from tests.refusals import refusal

@@ -15,8 +15,8 @@ import numpy as np
 
 from datamodules.format_options import ReadOptions
 from datamodules.formats.labels import Rows, labelled_recording
-from datamodules.image import StoredImage
-from datamodules.recording import LONG_DRIVE, ForwardReader, Recording, indices
+from datamodules.image import ForwardReader, StoredImage
+from datamodules.recording import LONG_DRIVE, Recording, indices
 from datamodules.steering_unit import SteeringUnit
 from zoo.base.bounded_files import open_data
 from zoo.base.errors import InputError, library_errors, optional_import

@@ -18,9 +18,8 @@ from datamodules.formats.parquet_columns import (
     open_parquet,
     read_table,
 )
-from datamodules.image import StoredImage
+from datamodules.image import ForwardReader, StoredImage
 from datamodules.recording import (
-    ForwardReader,
     Recording,
     indices,
     keep_valid,

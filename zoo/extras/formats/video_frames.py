@@ -7,8 +7,7 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 
-from datamodules.image import MOST_PIXELS, StoredImage
-from datamodules.recording import ForwardReader
+from datamodules.image import MOST_PIXELS, ForwardReader, StoredImage
 from zoo.base.bounded_files import open_data
 from zoo.base.errors import InputError, library_errors
 from zoo.base.video import VideoWriter
