@@ -19,6 +19,7 @@ function notify(error) {
   clearTimeout(notify.ends);
   notify.ends = setTimeout(() => ($("#message").hidden = true), 10000);
 }
+addEventListener("click", () => ($("#message").hidden = true)); // it was about the step before
 
 async function read(path) {
   const response = await fetch(address(path), { cache: "no-store" });
@@ -298,6 +299,7 @@ function showWatched() {
   const { watch } = state;
   while (sides.length < watch.length) sides.push(makeSide(sides.length));
   $("#difference").hidden = watch.length < 2;
+  $("[data-stop=watch]").disabled = !watch.some((network) => network.running);
   watch.forEach((network, at) => {
     const { panel } = sides[at];
     text($("h2", panel), network.name);
