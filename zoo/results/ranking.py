@@ -32,8 +32,8 @@ LAST = float("inf")  # sorts after every figure
 WHOLE_LAP = 0.95  # laps; a drive that ends a little before its start counts as a lap
 LAP_M = 1000.0  # where the laps are unknown; the included circuits are longer
 ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
-# Overrides that get no column: paths, and the seed, which has a column of its own.
-NO_SETTINGS = ("data.root", "data.images", "data.cache", "seed")
+# Overrides that get no column: paths, what learns nothing, and the seed, which has its own.
+NO_SETTINGS = ("data.root", "data.images", "data.cache", "logger", "seed")
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,7 @@ class Figure:
     @property
     def values(self) -> list[float | None]:
         """Return the means; None where there is none."""
-        pairs = [entry.figures.get(self.key) for entry in self.entries]
-        return [pair[0] if pair else None for pair in pairs]
+        return [(entry.figures.get(self.key) or (None, None))[0] for entry in self.entries]
 
     @property
     def texts(self) -> list[str]:
@@ -295,8 +294,10 @@ def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Column]:
 def setting_columns(entries: Sequence[Entry]) -> list[Column]:
     """Return a column for each override whose values differ between entries, in typed order."""
     columns = []
-    for key in dict.fromkeys(key for entry in entries for key in entry.first.overrides):
-        values = [entry.first.overrides.get(key) for entry in entries]
+    # The runs of an entry have one config, whichever of them typed a key.
+    for key in dict.fromkeys(k for entry in entries for run in entry.runs for k in run.overrides):
+        typed = ([run.overrides.get(key) for run in entry.runs] for entry in entries)
+        values = [next(filter(None, texts), None) for texts in typed]
         if key not in NO_SETTINGS and len(set(values)) > 1:
             columns.append(Column(key, key, list(map(setting_text, values)), {key: values}))
     return columns

@@ -507,6 +507,7 @@ def test_the_table_of_a_sweep_is_short_for_a_paper_and_whole_for_a_program() -> 
     for seed, autonomy in ((1, 0.9), (2, 1.0), (3, 0.8)):
         write_run(Path(f"sweep/a{seed}"), autonomy, seed=seed)
         write_run(Path(f"sweep/b{seed}"), 0.5, seed=seed, overrides=("model=lenet",))
+    Path("sweep/a1/.hydra/overrides.yaml").write_text('["logger=tensorboard"]')  # of one config
     leaderboard("sweep", table="a.tex")
     leaderboard("sweep", table="a.csv", overwrite=True)
     heads, first, second = rows_of(Path("a.tex"))
