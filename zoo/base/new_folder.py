@@ -7,6 +7,7 @@ the lock when the process ends, also after `kill -9`.
 
 import datetime
 import errno
+import itertools
 import os
 import secrets
 import shutil
@@ -16,7 +17,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from zoo.base.errors import InputError, file_errors
+from zoo.base.errors import InputError, StoppedError, file_errors
 from zoo.base.whole_file import PART, move_whole
 
 LOCK = ".drivezoo.lock"
@@ -44,6 +45,7 @@ def command_folder(
 
     Raises:
         InputError: the folder is not empty; or see `written_folder`.
+        StoppedError: on Ctrl-C, if the folder holds something by then.
     """
     folder = Path(out).expanduser() if out else dated_folder(kind)
     with file_errors(folder, f"cannot be written to ({{}}); name another folder with {key}"):
@@ -52,7 +54,12 @@ def command_folder(
         lack = f" and has no {resumed_by}" if resumed_by else ""
         raise InputError(f"{folder}: is not empty{lack}; name another folder with {key}")
     with written_folder(folder, key):
-        yield folder
+        try:
+            yield folder
+        except KeyboardInterrupt:
+            if not _names(folder):
+                raise
+            raise StoppedError(f"stopped; what was finished is in {folder}") from None
 
 
 @contextmanager
@@ -86,16 +93,14 @@ def hold_folder(folder: Path, key: str = "out=") -> Iterator[None]:
         raise InputError(f"{path}: is a link; remove it")
     lock = FileLock(path, thread_local=False)  # another thread may release it
     try:
-        lock.acquire(timeout=0)
+        held = lock.acquire(timeout=0)
     except Timeout:
         raise InputError(
             f"{folder}: another process writes there; wait until it ends, or name another folder "
             f"with {key}FOLDER"
         ) from None
-    try:
+    with held:
         yield
-    finally:
-        lock.release()
 
 
 def is_held(folder: Path) -> bool:
@@ -139,11 +144,8 @@ def whole_folder(out: Path, key: str = "out=") -> Iterator[Path]:
 
 def free_folder(folder: Path) -> Path:
     """Return a folder that does not exist: this one, or its name with `_2`, `_3`, ..."""
-    number, free = 1, folder
-    while os.path.lexists(free):
-        number += 1
-        free = folder.with_name(f"{folder.name}_{number}")
-    return free
+    others = (folder.with_name(f"{folder.name}_{number}") for number in itertools.count(2))
+    return next(path for path in itertools.chain([folder], others) if not os.path.lexists(path))
 
 
 def refuse_existing(out: Path, key: str = "out=") -> None:

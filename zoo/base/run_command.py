@@ -54,8 +54,6 @@ def run_command(name: str, command: Callable[[list[str]], object], arguments: li
                 command(words)
             else:
                 print(version_line())
-    except KeyboardInterrupt:
-        failure = StoppedError("stopped")
     except BaseException as error:  # a part may raise any
         failure = expected_failure(error)
         if failure is None and not isinstance(error, Exception):

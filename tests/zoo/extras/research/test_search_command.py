@@ -14,7 +14,7 @@ from rich.console import Console
 
 from tests.zoo.command_runs import only_line, run_here
 from tests.zoo.written_checkpoints import write_constant
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, StoppedError
 from zoo.base.key_values import read_options
 from zoo.commands.evaluate import evaluate_or_replay as evaluate
 from zoo.driving.drive_log import read_drive
@@ -185,7 +185,7 @@ def test_a_stopped_search_has_the_road_that_it_names(
 
     monkeypatch.setattr(search_report, "draw_map", stop)
     options = read_options(SearchOptions, [*SHORT, "budget=4", "workers=1", f"out={tmp_path}/s"])
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(StoppedError, match="what was finished is in"):
         search_and_report(str(checkpoint), options, console)
     command = json.loads((tmp_path / "s" / "search.json").read_text())["mildest"]["command"]
     (track,) = [word for word in command if word.startswith("track=")]
