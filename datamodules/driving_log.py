@@ -307,13 +307,12 @@ def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list
     fields = without_empty(fields, len(order))
     if order == [*COLUMNS] and len(fields) == len(order):  # nearly every log
         return (fields[0], fields[1], fields[2]), fields[3:]
-    if len(fields) == len(order):
-        cells = dict(zip(order, fields, strict=True))
-        return tuple(cells.get(name, "") for name in CAMERAS), [cells[name] for name in NUMBERS]
     cameras = [name for name in order if name in CAMERAS]
-    if order == [*cameras, *NUMBERS] and 0 < len(fields) - len(order) <= len(NUMBERS):
-        cells = dict(zip(cameras, fields, strict=False))
-        return tuple(cells.get(name, "") for name in CAMERAS), fields[len(cameras) :]
+    has_commas = order == [*cameras, *NUMBERS] and 0 < len(fields) - len(order) <= len(NUMBERS)
+    if len(fields) == len(order) or has_commas:
+        cells = dict(zip(order, fields, strict=False))
+        numbers = fields[len(cameras) :] if has_commas else [cells[name] for name in NUMBERS]
+        return tuple(cells[name] if name in cameras else "" for name in CAMERAS), numbers
     raise InputError(f"{len(fields)} columns, expected {len(order)} ({','.join(order):.200})")
 
 
@@ -327,10 +326,7 @@ def _parse_numbers(values: list[str], last_mph: float, unit: SteeringUnit) -> tu
     readings = list(_decimal_comma_readings(values, unit))
     if not readings:
         raise InputError(f"{','.join(values)!r:.200} are not the four numbers {','.join(NUMBERS)}")
-    return min(
-        readings,
-        key=lambda reading: (reading[1] * reading[2] > 0, abs(reading[3] - last_mph)),
-    )
+    return min(readings, key=lambda read: (read[1] * read[2] > 0, abs(read[3] - last_mph)))
 
 
 def _number(name: str, text: str) -> float:

@@ -1,7 +1,6 @@
 """The one door to recordings in any of the formats."""
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from datamodules.recording import Recording
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig_file import find_rig, named_rig
 
+ALIKE = 1.02  # radii of cars that steer alike
 WITH_IMAGES = ("udacity", "table")  # formats whose images may lie in another folder
 
 
@@ -93,8 +93,8 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns
     }
     rigs = [rig for part in parts for rig in part.each_rig]
-    first = itertools.accumulate((len(part.names) for part in parts[:-1]), initial=0)
-    joined["recording"] += np.repeat(list(first), [len(part) for part in parts])
+    first = np.cumsum([0, *(len(part.names) for part in parts[:-1])])
+    joined["recording"] += np.repeat(first, [len(part) for part in parts])
     whole = Recording(
         names=tuple(name for part in parts for name in part.names),
         bad_images=tuple(line for part in parts for line in part.bad_images),
@@ -113,7 +113,16 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
         folder = ", or set data.images=FOLDER" if whole.places is None else ""
         remedy = f"copy the images{folder}" if faults else "record it again"
         raise InputError(f"{', '.join(whole.names)}: no rows left{reason}; {remedy}")
-    return whole
+    return replace(whole, notes=(*whole.notes, *_full_locks(whole)))
+
+
+def _full_locks(recording: Recording) -> Iterator[str]:
+    """Yield a note if the same steering is another bend to one of the cars."""
+    rigs = zip(recording.names, recording.each_rig, strict=True)
+    radii = sorted((float(1 / rig.curvature(1.0)), name) for name, rig in rigs if rig)
+    if radii and radii[-1][0] > ALIKE * radii[0][0]:
+        least, most = (f"{radius:.1f} m in {name}" for radius, name in (radii[0], radii[-1]))
+        yield f"full lock: a radius of {least}, {most}; data.label=curvature has one unit for both"
 
 
 def _places(recording: Recording) -> np.ndarray:

@@ -128,10 +128,9 @@ def labelled_recording(
     files = {os.path.dirname(image) for image in recording.images[:, 0] if isinstance(image, str)}  # noqa: PTH120
     bad.notes += unnamed_note(files, recording.images, left_out)
     recording = keep_valid(recording, bad)
-    if options.unit:
-        note = f"steering: {meant.words()}, as data.steering says"
-    elif is_stated:  # `check` compares it with the images
-        note = f"steering: {meant.words()}, as the format states"
+    if options.unit or is_stated:  # `check` compares it with the images
+        source = "data.steering says" if options.unit else "the format states"
+        note = f"steering: {meant.words()}, as {source}"
     else:
         note = _agreement(folder, recording, meant)
     return replace(recording, notes=(note, *recording.notes))

@@ -137,6 +137,7 @@ def test_formats_with_keys_and_weights_of_their_own_train_on_one_unit(
     assert data.recording.recording[drawn].mean() == pytest.approx(expected, abs=0.01)
     np.testing.assert_allclose(data.recording.steering, [*foreign.STEERING] * 2)
     lines = capsys.readouterr().out
+    assert f"a radius of 1.7 m in {toy}, 4.6 m in {road}; data.label=curvature" in lines
     assert re.search(r"GUESSED: camera, full(.|\n)*GUESSED: wheelbase_m", lines)
     assert f"{data.label.curvature_per_m:.4f} 1/m" in lines
 
