@@ -13,8 +13,14 @@ import drivezoo
 from zoo.base.errors import InputError, UsageError
 from zoo.driving.clustered import SHARE
 from zoo.driving.intervals import share_interval
-from zoo.extras.research.referee import needed_text
-from zoo.extras.research.rollout_differences import NEW, THESE, compare_policies, mean_score
+from zoo.extras.research.referee import Referee, needed_text
+from zoo.extras.research.rollout_differences import (
+    NEW,
+    THESE,
+    Difference,
+    compare_policies,
+    mean_score,
+)
 from zoo.extras.research.rollouts import Rollout
 
 NORMAL = float(special.ndtri(0.975))
@@ -74,6 +80,17 @@ def table(path: Path, rows: list[Rollout]) -> Path:
     return path
 
 
+def compare_table(folder: Path, rows: list[Rollout], **options: object) -> Referee:
+    """Compare the policies of one table."""
+    file = table(folder / "r.csv", rows)
+    return drivezoo.compare(file, policy="method", out=folder / "out.json", **options)
+
+
+def differences(seeds: bool = True, **scores: np.ndarray) -> list[Difference]:
+    """Return the differences of policies, given the scores [scenes, seeds] of each."""
+    return compare_policies({name: rollouts(name, scores[name], seeds) for name in scores})
+
+
 @pytest.fixture
 def won() -> np.ndarray:
     """Return successes [policies, scenes, seeds] of two policies, the first clearly better."""
@@ -82,8 +99,7 @@ def won() -> np.ndarray:
 
 
 def test_policies_of_a_table_are_told_apart(tmp_path: Path, won: np.ndarray) -> None:
-    file = table(tmp_path / "r.csv", [*rollouts("act", won[0]), *rollouts("pi", won[1])])
-    result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
+    result = compare_table(tmp_path, rollouts("act", won[0]) + rollouts("pi", won[1]))
     assert [row.verdict for row in result.differences] == ["act is better"] * 2
     figure = json.loads((tmp_path / "out.json").read_text())["differences"][1]["figure"]
     assert figure["value"] == pytest.approx(won[0].mean() - won[1].mean())
@@ -112,8 +128,7 @@ def test_lerobots_file_tells_no_seeds(tmp_path: Path, won: np.ndarray) -> None:
 def test_seeds_that_no_two_policies_share_are_noted(ending: str, tmp_path: Path) -> None:
     won = np.tile([1, 0, 1, 1, 0], (3, 1))
     other = [replace(row, seed=row.seed + ending) for row in rollouts("b", won)]
-    file = table(tmp_path / "r.csv", [*rollouts("a", won), *other])
-    result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
+    result = compare_table(tmp_path, rollouts("a", won) + other)
     assert any("rollouts are not paired" in line for line in result.lines) == bool(ending)
 
 
@@ -148,8 +163,7 @@ def test_a_scene_counts_alike_in_each_policy(tmp_path: Path) -> None:
     won = np.repeat([[1, 1, 1, 1, 0], [0, 0, 0, 0, 1]], 2, axis=0)
     rows = rollouts("easy", won) + rollouts("hard", won)
     rows += 3 * [row for row in rows if (row.policy == "easy") == (row.scene < "scene 2")]
-    file = table(tmp_path / "r.csv", rows)
-    result = drivezoo.compare(file, policy="method", out=tmp_path / "out.json")
+    result = compare_table(tmp_path, rows)
     assert [row.figure.value for row in result.differences] == pytest.approx([0, 0])
     assert result.policy_table().columns[-1].figures["success"] == pytest.approx([0.5, 0.5])
 
@@ -159,16 +173,14 @@ def test_paired_trainings_are_compared_on_the_scenes_that_they_share(tmp_path: P
     a = [replace(row, training=str(n)) for n in range(2) for row in rollouts("a", won)]
     b = [row for row in a if (row.scene, row.training) != ("scene 2", "0")]
     b = [replace(row, training=row.training.replace("1", "2"), policy="b") for row in b]
-    file = table(tmp_path / "r.csv", a + b)
-    result = drivezoo.compare(file, policy="method", paired=True, out=tmp_path / "out.json")
+    result = compare_table(tmp_path, a + b, paired=True)
     for rows in result.policies.values():
         assert {(row.scene, row.training) for row in rows} == {("scene 0", "0"), ("scene 1", "0")}
     left = " left out, which not every policy has"
     assert result.notes[:2] == [f"1 scene{left}", f"2 trainings{left}"]
     extra = [replace(row, scene="scene 3") for row in a if row.scene == "scene 0"]
     # One scene is left out in each of two passes.
-    file = table(tmp_path / "s.csv", [*a, *extra, *b])
-    result = drivezoo.compare(file, policy="method", paired=True, out=tmp_path / "two.json")
+    result = compare_table(tmp_path, a + extra + b, paired=True, overwrite=True)
     assert result.notes[0] == f"2 scenes{left}"
 
 
@@ -190,7 +202,7 @@ def test_bench2drives_routes_are_scenes(tmp_path: Path) -> None:
 def test_the_verdict_may_not_survive_new_scenes() -> None:
     won = np.zeros((2, 4, 25))
     won[0, :2], won[1, 3:] = 1, 1  # A wins two scenes, B another
-    these, new = compare_policies({"a": rollouts("a", won[0]), "b": rollouts("b", won[1])})
+    these, new = differences(a=won[0], b=won[1])
     assert (these.scope, these.verdict) == (THESE, "a is better")
     assert (new.scope, new.verdict) == (NEW, "not told apart")
     assert new.needed["scenes"] > 4
@@ -199,7 +211,7 @@ def test_the_verdict_may_not_survive_new_scenes() -> None:
 
 def test_one_scene_says_nothing_of_new_ones() -> None:
     won = np.random.default_rng(2).random((2, 1, 40)) < np.array([0.9, 0.2])[:, None, None]
-    these, new = compare_policies({"a": rollouts("a", won[0]), "b": rollouts("b", won[1])})
+    these, new = differences(a=won[0], b=won[1])
     assert (these.verdict, new.verdict) == ("a is better", "unknown")
 
 
@@ -207,10 +219,7 @@ def test_pairs_take_fewer_rollouts_where_seeds_matter() -> None:
     rng = np.random.default_rng(0)
     b = rng.random((1, 60)) < 0.5
     a = b | (rng.random((1, 60)) < 0.2)
-    paired, apart = (
-        compare_policies({"a": rollouts("a", a, seeds), "b": rollouts("b", b, seeds)})[0].figure
-        for seeds in (True, False)
-    )
+    paired, apart = (differences(seeds, a=a, b=b)[0].figure for seeds in (True, False))
     assert paired.value == pytest.approx(apart.value)
     assert paired.high - paired.low < apart.high - apart.low
 
@@ -224,38 +233,32 @@ def test_no_failure_has_the_exact_bound() -> None:
 
 
 def test_several_pairs_are_corrected(won: np.ndarray) -> None:
-    policies = {name: rollouts(name, won[n]) for n, name in enumerate("ab")}
-    alone = compare_policies(policies)[0].p
-    third = compare_policies(policies | {"c": rollouts("c", won[1])})
-    assert third[0].p > alone
+    third = differences(a=won[0], b=won[1], c=won[1])
+    assert third[0].p > differences(a=won[0], b=won[1])[0].p
     assert len(third) == 6
 
 
 def test_a_pair_that_only_the_correction_leaves_undecided_has_a_need() -> None:
     shares = np.array([0.75, 0.5, 0.5])[:, None, None]
-    won = np.random.default_rng(9).random((3, 8, 6)) < shares
-    policies = {name: rollouts(name, won[n]) for n, name in enumerate("abc")}
-    pair = compare_policies(policies)[0]
+    a, b, c = np.random.default_rng(9).random((3, 8, 6)) < shares
+    pair = differences(a=a, b=b, c=c)[0]
     assert pair.verdict == "not told apart"
     assert pair.needed["rollouts"] > 6
-    del policies["c"]
-    assert compare_policies(policies)[0].needed == {}, "a is better"
+    assert differences(a=a, b=b)[0].needed == {}, "a is better"
 
 
 def test_the_need_does_not_depend_on_the_order_of_the_policies() -> None:
-    won = np.tile([1, 1, 0, 1, 0], (4, 10))
-    few = rollouts("few", np.tile([1, 0], (4, 3)), seeds=False)
-    policies = {"many": rollouts("many", won, seeds=False), "few": few}
-    these, _ = compare_policies(policies)
-    turned, _ = compare_policies(dict(reversed(policies.items())))
+    many, few = np.tile([1, 1, 0, 1, 0], (4, 10)), np.tile([1, 0], (4, 3))
+    these, _ = differences(seeds=False, many=many, few=few)
+    turned, _ = differences(seeds=False, few=few, many=many)
     # (1.96 + 0.84)^2 (0.24 * 50 / 49 + 0.25 * 6 / 5) / 0.1^2 / 4 scenes; Student's t adds some.
     assert these.needed["rollouts"] == pytest.approx(107, rel=0.15)
     assert turned.needed == these.needed
 
 
 def test_scenes_that_are_alike_tell_by_their_number_alone() -> None:
-    policies = {"a": rollouts("a", np.ones((5, 6))), "b": rollouts("b", np.zeros((5, 6)))}
-    assert compare_policies(policies)[1].needed == {"scenes": 6}, "p = 2 * (1 / 2) ** scenes"
+    _, new = differences(a=np.ones((5, 6)), b=np.zeros((5, 6)))
+    assert new.needed == {"scenes": 6}, "p = 2 * (1 / 2) ** scenes"
 
 
 def test_scores_that_are_no_successes_are_not_called_so(tmp_path: Path) -> None:
@@ -297,15 +300,14 @@ def test_a_policy_that_scored_0_has_no_interval_where_another_scored_more(tmp_pa
 )
 def test_more_rollouts_are_wanted_only_of_too_few(apart: float, count: int, text: str) -> None:
     scores = np.arange(2.0, 2 + count)[None]
-    policies = {"a": rollouts("a", scores), "b": rollouts("b", scores + apart)}
-    these, _ = compare_policies(policies)
+    these, _ = differences(a=scores, b=scores + apart)
     assert (these.verdict, needed_text(these)) == ("unknown", text)
 
 
 def test_one_rollout_a_scene_does_not_tell_how_many_are_needed() -> None:
     rng = np.random.default_rng(0)
-    policies = {name: rollouts(name, rng.random((30, 1)) < 0.5) for name in "ab"}
-    these, new = compare_policies(policies)
+    a, b = rng.random((2, 30, 1)) < 0.5
+    these, new = differences(a=a, b=b)
     assert (these.verdict, new.verdict) == ("not told apart", "not told apart")
     assert needed_text(these) == "5 or more rollouts in each scene, to estimate how many"
     assert list(new.needed) == ["scenes"]
