@@ -122,9 +122,8 @@ def worst_moment(drive: WrittenDrive) -> Image | None:
     worst = max(_moments(drive), key=badness, default=None)
     if worst is None:
         return None
-    frame = read_image(drive.folder / worst.frame)
-    state = worst.steering, worst.throttle, worst.speed_mph
-    pixels = draw_overlay(frame, Overlay(*state, cte_m=worst.cross_track_m))
+    state = Overlay(worst.steering, worst.throttle, worst.speed_mph, cte_m=worst.cross_track_m)
+    pixels = draw_overlay(read_image(drive.folder / worst.frame), state)
     lost = ": an intervention" if worst.intervention else ""
     caption = f"The worst moment, after {worst.time_s:.1f} s{lost}."
     return Image.jpeg(f"{drive.folder.name}_poster.jpg", pixels, caption)
@@ -158,10 +157,11 @@ def _worst(run: ReportedDrives, track: str, drives: list[WrittenDrive]) -> list[
         if saliency is not None:
             frame = np.hstack([frame, overlay(frame, saliency(frame, row.speed_mph))])
         lost = "Intervention. " if row.intervention else ""
+        speed = "speed unknown" if math.isnan(row.speed_mph) else f"{row.speed_mph:.0f} mph"
         caption = (
             f"{lost}{row.time_s:.1f} s, start seed {drive.seed}, cross-track error "
-            f"{round(row.cross_track_m, 2) + 0.0:+.2f} m, "
-            f"steering {round(row.steering, 2) + 0.0:+.2f}, {row.speed_mph:.0f} mph"
+            f"{round(row.cross_track_m, 2) + 0.0:+.2f} m, steering "
+            f"{round(row.steering, 2) + 0.0:+.2f}, {speed}"
         )
         images.append(Image.jpeg(f"{drives[0].folder.name}_worst_{number}.jpg", frame, caption))
     return [
