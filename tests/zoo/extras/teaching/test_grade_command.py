@@ -355,11 +355,9 @@ def test_an_export_is_the_same_network(tmp_path: Path) -> None:
 
 
 def test_a_wrong_folder_gets_one_line(tmp_path: Path) -> None:
-    folder = tmp_path / "class"
-    assert "cannot be read" in refusal(find_submissions, folder)
-    folder.mkdir()
-    (folder / "notes.txt").touch()
-    assert "holds no .ckpt or .onnx file" in refusal(find_submissions, folder)
+    assert "cannot be read" in refusal(find_submissions, tmp_path / "class")
+    (tmp_path / "notes.txt").touch()
+    assert "holds no .ckpt or .onnx file" in refusal(find_submissions, tmp_path)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links need a right there")
@@ -424,6 +422,13 @@ def hand_in(folder: Path) -> None:
     (folder / "a good one.zip").touch()
 
 
+def grade_class(folder: Path, suite: Path, *names: str) -> graded.Graded:
+    """Add networks of these names, which steer straight on, to a class and grade it."""
+    for name in names:
+        write_constant(folder / "class" / f"{name}.ckpt", 0.0)
+    return grade(folder / "class", suite=str(suite), seed=5, out=folder / "out")
+
+
 @pytest.fixture
 def as_ada(marked: graded.Graded, monkeypatch: pytest.MonkeyPatch) -> None:
     """Copy a student's drives in place of driving."""
@@ -440,7 +445,7 @@ def as_ada(marked: graded.Graded, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="names that other systems refuse")
 def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.CaptureFixture) -> None:
     hand_in(here / "class")
-    result = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    result = grade_class(here, suite)
     result.show()
     status = {student.submission.name: student.status for student in result.grades}
     broken = ["4_dora", "dangling", "folder.ckpt", "linked", "the teacher's", "twice"]
@@ -470,7 +475,6 @@ def test_no_student_ends_the_class(suite: Path, here: Path, capsys: pytest.Captu
 def test_an_unexpected_error_is_one_students_alone(
     part: str, suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_constant(here / "class" / "ann.ckpt", 0.0)
     write_constant(here / "class" / "ben.ckpt", 0.1)
     usual = getattr(graded, part)
 
@@ -480,7 +484,7 @@ def test_an_unexpected_error_is_one_students_alone(
         return usual(*arguments)
 
     monkeypatch.setattr(graded, part, fail_for_ann)
-    ann, ben = grade(here / "class", suite=str(suite), seed=5, out=here / "out").grades
+    ann, ben = grade_class(here, suite, "ann").grades
     assert "RuntimeError: something odd" in " ".join(ann.warnings)
     assert (ann.status, ben.status) == ("not driven" if part == "_drive" else "passed", "passed")
     assert "something odd" in (here / "out" / "grades.html").read_text()
@@ -488,7 +492,6 @@ def test_an_unexpected_error_is_one_students_alone(
 
 @pytest.mark.usefixtures("as_ada")
 def test_nan_gets_no_points(suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_constant(here / "class" / "ann.ckpt", 0.0)
     copy = graded._drive
 
     def steer_nan(folder: Path, *rest: object) -> None:
@@ -498,16 +501,14 @@ def test_nan_gets_no_points(suite: Path, here: Path, monkeypatch: pytest.MonkeyP
         write_result(folder, result)
 
     monkeypatch.setattr(graded, "_drive", steer_nan)
-    marks = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    marks = grade_class(here, suite, "ann")
     assert (marks.grades[0].status, marks.points) == ("not driven", [None])
     assert "steered NaN in 1 frame:" in marks.lines[0]
 
 
 @pytest.mark.usefixtures("as_ada")
 def test_a_number_that_stands_twice_is_reported(suite: Path, here: Path) -> None:
-    for name in ("7_ann", "7_ben", "71_cleo", "dan", "eve"):
-        write_constant(here / "class" / f"{name}.ckpt", 0.0)
-    marks = grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    marks = grade_class(here, suite, "7_ann", "7_ben", "71_cleo", "dan", "eve")
     assert [line for line in marks.lines if "number" in line] == [
         "7_ann: has the number 7, as 7_ben; keep one",
         "7_ben: has the number 7, as 7_ann; keep one",
@@ -528,7 +529,7 @@ def test_pages_name_the_last_file(suite: Path, here: Path, monkeypatch: pytest.M
     monkeypatch.setattr(graded, "_drive", drive)
     for epoch in (0, 1):
         path = write_constant(here / "class" / "ann.ckpt", 0.0, epoch)
-        grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+        grade_class(here, suite)
         assert hash_file(path) in (here / "out" / graded.PAGES / "ann.html").read_text()
 
 
@@ -536,8 +537,6 @@ def test_pages_name_the_last_file(suite: Path, here: Path, monkeypatch: pytest.M
 def test_marks_are_written_after_each(
     suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    for name in ("ann", "ben", "cleo"):
-        write_constant(here / "class" / f"{name}.ckpt", 0.0)
     copy, seen = graded._drive, []
 
     def look(*arguments: object) -> None:
@@ -547,7 +546,7 @@ def test_marks_are_written_after_each(
 
     monkeypatch.setattr(graded, "_drive", look)
     monkeypatch.setattr(console_progress, "LINE_EVERY_S", 0.0)
-    grade(here / "class", suite=str(suite), seed=5, out=here / "out")
+    grade_class(here, suite, "ann", "ben", "cleo")
     assert seen[0] == 3 > seen[-1]
     assert re.search(r"grading: 33% after \d+ s, \d+ s left", capsys.readouterr().out)
     assert "waiting" not in (here / "out" / "grades.csv").read_text()
@@ -586,7 +585,7 @@ def test_copies_and_packaged_networks_are_said(suite: Path, here: Path, as_ada: 
     changed_copy(PACKAGED / "pilotnet.ckpt", folder / "dan.ckpt", strip)
     write_pilotnet(folder / "eve.ckpt", 1)
     write_pilotnet(folder / "finn.ckpt", 2)
-    grades = grade(folder, suite=str(suite), seed=5, out=here / "out").grades
+    grades = grade_class(here, suite).grades
     warnings = {student.submission.name: " ".join(student.warnings) for student in grades}
     assert "is the same network as lenet, which comes with drivezoo" in warnings["ann"]
     for name in ("ben", "cleo"):
