@@ -8,7 +8,7 @@ import pytest
 from zoo.base.errors import InputError, UsageError
 from zoo.driving.drive_log import write_drive
 from zoo.driving.drive_record import Drive, DriveRow
-from zoo.extras.car.loop_times import read_loop_times
+from zoo.extras.car.loop_times import LoopTimes, read_loop_times
 
 PROFILE = """
 Part Profile Summary: (times in ms)
@@ -23,22 +23,22 @@ Part Profile Summary: (times in ms)
 """
 
 
-def written(folder: Path, text: str) -> str:
+def read(folder: Path, text: str, rate: float = 20, part: str | None = None) -> LoopTimes:
+    """Return the loop times of a file with a text."""
     path = folder / "times.csv"
     path.write_text(text)
-    return str(path)
+    return read_loop_times(str(path), rate=rate, part=part)
 
 
 def test_a_column_of_latencies_waits_for_the_rate_of_the_loop(tmp_path: Path) -> None:
     for text in ("latency_ms\n20\n80\n", "20\n80\n", "frame,latency_ms\n1,20\n2,80\n\n"):
-        times = read_loop_times(written(tmp_path, text), rate=20)
+        times = read(tmp_path, text)
         assert times.latency_ms.tolist() == [20, 80]
         assert times.loop_ms.tolist() == [50, 80]
 
 
 def test_a_lost_frame_lengthens_the_loop_before_it(tmp_path: Path) -> None:
-    table = "latency_ms,loop_ms\nlost,30\n10,40\nlost,50\n20,60\n"
-    times = read_loop_times(written(tmp_path, table), rate=20)
+    times = read(tmp_path, "latency_ms,loop_ms\nlost,30\n10,40\nlost,50\n20,60\n")
     assert times.loop == ((0.09, 0.01), (0.09, 0.02))  # the first lost one ends the last loop
     assert times.rate_hz == pytest.approx(2 / 0.18)
     whole = times.improved()["no lost frames"]
@@ -50,7 +50,7 @@ def test_a_lost_frame_lengthens_the_loop_before_it(tmp_path: Path) -> None:
 def test_no_improvement_takes_a_lost_frame_for_a_delay_of_0(tmp_path: Path, lost: int) -> None:
     cells = ["400"] * 300
     cells[: 2 * lost : 2] = ["lost"] * lost
-    times = read_loop_times(written(tmp_path, "\n".join(["latency_ms", *cells])), rate=20)
+    times = read(tmp_path, "\n".join(["latency_ms", *cells]))
     assert times.delay_ms == 400
     for name, better in times.improved().items():
         assert better.delay_ms == (200 if name in ("half the delay", "both") else 400)
@@ -58,16 +58,16 @@ def test_no_improvement_takes_a_lost_frame_for_a_delay_of_0(tmp_path: Path, lost
 
 
 def test_times_are_drawn_between_the_quantiles_of_a_profile(tmp_path: Path) -> None:
-    times = read_loop_times(written(tmp_path, PROFILE), rate=20)
+    times = read(tmp_path, PROFILE)
     others_ms = 0.03 + 4.97 + 5.00
     assert np.median(times.latency_ms) == pytest.approx(290 + others_ms, abs=0.5)
     assert np.percentile(times.latency_ms, 90) == pytest.approx(320 + others_ms, abs=0.5)
     assert 280 + others_ms <= times.latency_ms.min() < times.latency_ms.max() <= 500 + others_ms
     assert (times.loop_ms == times.latency_ms).all()
-    camera = read_loop_times(written(tmp_path, PROFILE), rate=2, part="PiCamera")
+    camera = read(tmp_path, PROFILE, rate=2, part="PiCamera")
     assert camera.loop_ms.tolist() == [500] * len(camera.loop_ms)
     with pytest.raises(UsageError, match=r"part=PiCamra.*PiCamera"):
-        read_loop_times(written(tmp_path, PROFILE), rate=20, part="PiCamra")
+        read(tmp_path, PROFILE, part="PiCamra")
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_times_are_drawn_between_the_quantiles_of_a_profile(tmp_path: Path) -> N
 )
 def test_the_pilot_is_found_by_its_name(tmp_path: Path, slow: str, fast: str, pilot: str) -> None:
     table = PROFILE.replace("    Pilot    ", f" {slow} ").replace("   PiCamera  ", f" {fast} ")
-    times = read_loop_times(written(tmp_path, table), rate=20)
+    times = read(tmp_path, table)
     assert f": {pilot} (" in times.words
     assert ("part=NAME" in times.words) == (pilot == "TubWriter"), "a guess is said"
 
@@ -98,14 +98,13 @@ def test_a_drive_holds_its_own_times(tmp_path: Path) -> None:
 
 
 def test_an_improvement_changes_one_property(tmp_path: Path) -> None:
-    improvements = read_loop_times(written(tmp_path, "100\n200\n"), rate=20).improved()
+    improvements = read(tmp_path, "100\n200\n").improved()
     assert improvements["half the delay"].loop == ((0.1, 0.05), (0.2, 0.1))
     assert improvements["twice the frame rate"].loop == ((0.05, 0.1), (0.1, 0.2))
     assert improvements["no jitter"].loop == ((0.15, 0.15),) * 2
-    lossy = read_loop_times(written(tmp_path, "100\nlost\n200\n"), rate=10).improved()
+    lossy = read(tmp_path, "100\nlost\n200\n", rate=10).improved()
     assert set(lossy["no jitter"].latency_ms) == {150}
-    steady = read_loop_times(written(tmp_path, "100\n100\n"), rate=20)
-    assert "no jitter" not in steady.improved()
+    assert "no jitter" not in read(tmp_path, "100\n100\n").improved()
 
 
 @pytest.mark.parametrize(
@@ -131,6 +130,6 @@ def test_an_improvement_changes_one_property(tmp_path: Path) -> None:
 )
 def test_impossible_times_are_named(text: str, words: tuple[str, ...], tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
-        read_loop_times(written(tmp_path, text), rate=20)
+        read(tmp_path, text)
     for word in ("times.csv", *words):
         assert word in str(error.value)
