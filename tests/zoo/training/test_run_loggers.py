@@ -37,6 +37,7 @@ def test_mlflow_has_the_name_the_config_the_scores_and_the_report(train, tmp_pat
     assert run.data.params["data.batch_size"] == "16"
     assert "final/val/mse" in run.data.metrics
     assert [artifact.path for artifact in client.list_artifacts(run.info.run_id)] == ["report"]
+    assert not (tmp_path / "mlruns").exists()
 
 
 @pytest.mark.usefixtures("here")
