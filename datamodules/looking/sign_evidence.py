@@ -113,6 +113,5 @@ def _far_half(image: np.ndarray) -> np.ndarray:
 def _ranks(values: np.ndarray) -> np.ndarray:
     """Return ranks, equal values sharing theirs, of mean 0 and deviation 1."""
     _, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
-    ends = np.cumsum(counts)
-    ranks = (ends - (counts - 1) / 2)[inverse]
+    ranks = (np.cumsum(counts) - (counts - 1) / 2)[inverse]
     return (ranks - ranks.mean()) / ranks.std()

@@ -169,6 +169,5 @@ def drive(
     if not recorder.rows:
         console.print("nothing was recorded; press R while driving to record")
         return None
-    took = time.perf_counter() - began
-    print_report(console, recorder, [run.driven], took, renderer)
+    print_report(console, recorder, [run.driven], time.perf_counter() - began, renderer)
     return recorder.folder, run.driven.off_road

@@ -40,6 +40,7 @@ ABOVE_0 = Annotated[float, Field(gt=0)]
 FACTORS = ("optim.lr", "loss.delta", "loss.weight", "schedule.factor", "schedule.gamma")
 BOUNDED |= dict.fromkeys(FACTORS, ABOVE_0) | {"trainer.limit_train_batches": ABOVE_0 | None}
 BOUNDED["trainer.val_check_interval"] = ABOVE_0 | Annotated[str, Field(pattern=":")] | None
+BOUNDED["model.name"] = Annotated[str, Field(strict=True)]
 BOUNDED["callbacks.best.save_top_k"] = Literal[1]  # of several, the newest would be in best.ckpt
 BOUNDED["schedule.mode"] = Literal["min", "triangular", "triangular2", "exp_range"]  # of val/mse
 # Of another name, the checkpoint would be found by no command.
@@ -49,6 +50,7 @@ BOUNDED["callbacks.last.save_weights_only"] = Literal[False]  # resume= needs th
 SET_BY_RUN = dict.fromkeys(("callbacks", "enable_checkpointing"), "callbacks=NAME")
 SET_BY_RUN |= {"logger": "logger=NAME", "default_root_dir": "hydra.run.dir=FOLDER"}
 SET_BY_RUN["overfit_batches"] = "trainer.limit_train_batches=N"  # which keeps our order of samples
+HOLDERS = ("callbacks", "logger", "data.augment")  # of parts, each a mapping or null
 PLAIN = {NoneType, bool, int, float, str, list, tuple, dict, Sequence, Mapping}
 
 
@@ -118,6 +120,8 @@ def _check(name: str, kind: Any, value: Any) -> None:
     kinds, is_text = kinds_in(kind), isinstance(value, str)
     if kinds <= PLAIN and (not is_text or choices_of(kind)):
         convert(name, kind, value)
+    if str in kinds and isinstance(value, int | float) and kinds.isdisjoint({bool, int, float}):
+        raise UsageError(f"{name}={typed(value)}: must be {wanted(str)}")
     number = next((number for number in (float, int) if number in kinds), None)
     is_wrong = isinstance(value, float) and not math.isfinite(value)
     if number and (is_wrong or is_misplaced_bool(kind, value) or (is_text and str not in kinds)):
@@ -127,8 +131,10 @@ def _check(name: str, kind: Any, value: Any) -> None:
 def _parts(node: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield each mapping that names what to construct, with its dotted key; not `data` itself."""
     for name, value in node.items():
+        if value and key in HOLDERS and not isinstance(value, Mapping):
+            raise UsageError(f"{key}.{name}={typed(value)}: takes keys; {key}.{name}=null drops it")
         if isinstance(value, Mapping) and value:
             dotted = f"{key}.{name}".lstrip(".")
-            if dotted != "data" and (TARGET in value or key in ("callbacks", "logger")):
+            if dotted != "data" and (TARGET in value or key in HOLDERS):
                 yield dotted, value
             yield from _parts(value, dotted)

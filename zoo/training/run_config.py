@@ -16,7 +16,7 @@ from rich.console import Console
 from datamodules.recording_format import read_recordings
 from zoo.base.compose import escape_interpolation, plain_dict
 from zoo.base.conf_files import choice_files
-from zoo.base.errors import InputError, file_errors
+from zoo.base.errors import InputError, file_errors, placed_errors
 from zoo.base.machine import usable_cores
 from zoo.base.new_folder import RECIPE, whole_folder
 from zoo.base.plain_files import read_json
@@ -173,7 +173,7 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
     drives = counted(len(recipe["passes"]), "drive")
     print_line(console, f"recording {drives} with the embedded simulator, once, in {folder}")
     try:
-        with whole_folder(folder, "data.record.out=") as unfinished:
+        with placed_errors("data.record"), whole_folder(folder, "data.record.out=") as unfinished:
             common: dict[str, Any] = {"out": str(unfinished), "relative": True}
             passes = [RecordOptions(**common, **options) for options in recipe["passes"]]
             # Half a lap takes less time than starting another process is worth.
@@ -181,7 +181,5 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
             jobs = jobs or (min(usable_cores(), MOST_JOBS) if long else 1)
             record_laps([replace(options, jobs=jobs) for options in passes], console)
             write_whole(unfinished / RECIPE, json.dumps(recipe, indent=1))
-    except InputError as error:
-        raise InputError(f"data.record: {error}") from None
     except TypeError as error:
         raise InputError(f"data.record.passes: {error}; see drivezoo simulator record") from None

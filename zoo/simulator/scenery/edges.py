@@ -125,8 +125,7 @@ def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
     behind = apart[apart @ ahead[:2] > 1]
     nearest = np.linalg.norm(behind, axis=1).min(initial=np.inf)
     most = np.clip(nearest - track.widths.max() / 2 - verges.CLEAR_M, half + 1, verges.VERGE_END_M)
-    away = np.array([0.0, half, most])
-    points = centre + away[:, None] * spokes[:, None]
+    points = centre + np.array([0.0, half, most])[:, None] * spokes[:, None]
     points[..., 2] += np.array([0.0, 0.0, 0.2])
     soil = verges.SOILS[ground.around.ground]
     place = grid_mesh("ground", points, (0.0, 0.0, 1.0), soil, points[..., :2] / 6.0)

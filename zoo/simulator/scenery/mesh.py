@@ -109,8 +109,7 @@ def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
     number = number.reshape(-1)
     pieces = []
     for square in range(number.max() + 1):
-        triangles = mesh.triangles[number == square]
-        used, renumbered = np.unique(triangles, return_inverse=True)
+        used, renumbered = np.unique(mesh.triangles[number == square], return_inverse=True)
         columns = (values[used] for values in mesh.columns)
         pieces.append(Mesh.of_columns(mesh.material, columns, renumbered.reshape(-1, 3)))
     return pieces
