@@ -105,7 +105,9 @@ class DataSettings(BatchOptions):
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
         for key in keys_of(DataSettings):
             if key.name not in READ_LATER:
-                convert(f"data.{key.name}", key.kind, getattr(self, key.name))
+                value = convert(f"data.{key.name}", key.kind, getattr(self, key.name))
+                if isinstance(value, str):  # of a number or a list
+                    object.__setattr__(self, key.name, value)
         camera_numbers(self.cameras)
         object.__setattr__(self, "view", View(self.crop, self.colour, self.size, self.resize))
 

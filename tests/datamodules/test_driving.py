@@ -261,3 +261,15 @@ def test_weights_are_one_for_each_recording(weights, recorded, console):
     settings = DataSettings([str(recorded.folder)] * 2, colour="yuv", size=None, weights=weights)
     with pytest.raises(InputError, match=r"data.weights=.* is not .* list of 2 numbers above 0"):
         settings.load(console)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("rig", ["udacity", "donkey_sim"], "rig=udacity,donkey_sim: no such file, and no rig's"),
+        ("format", 2.5, "format=2.5: no such format"),
+        ("split", [0.5, 2], "0.5,2"),
+    ],
+)
+def test_a_number_or_a_list_is_read_as_text(load, key, value, words):
+    assert words in refusal(load, **{key: value})

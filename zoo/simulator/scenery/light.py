@@ -139,8 +139,7 @@ class Shadows:
         _, near = tree.query(self.points[:, :2])
         rise = height[near] - DECK_M - self.points[:, 2]
         # A ray to the sun meets the deck where it has the deck's height.
-        meets = self.points[:, :2] + rise[:, None] * sun[:2] / sun[2]
-        apart, _ = tree.query(meets)
+        apart, _ = tree.query(self.points[:, :2] + rise[:, None] * sun[:2] / sun[2])
         return (rise > 0.5) & (apart < self.deck_half)
 
 

@@ -73,8 +73,7 @@ def runs(track: Track) -> list[tuple[float, float]]:
     ends = {0.0, track.length}
     for stretch in track.stretches:
         ends |= {stretch.start, min(stretch.end, track.length)}
-    changes = np.flatnonzero(np.diff(track.bridge)) + 1
-    ends |= set(track.distance[changes].tolist())
+    ends |= set(track.distance[np.flatnonzero(np.diff(track.bridge)) + 1].tolist())
     return [(start, end) for start, end in pairwise(sorted(ends)) if end - start > 0.01]
 
 
