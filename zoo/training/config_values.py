@@ -120,7 +120,7 @@ def _check(name: str, kind: Any, value: Any) -> None:
     kinds, is_text = kinds_in(kind), isinstance(value, str)
     if kinds <= PLAIN and (not is_text or choices_of(kind)):
         convert(name, kind, value)
-    if str in kinds and isinstance(value, int | float) and kinds.isdisjoint({bool, int, float}):
+    if isinstance(value, int | float | list) and kinds & (PLAIN - {NoneType}) == {str}:
         raise UsageError(f"{name}={typed(value)}: must be {wanted(str)}")
     number = next((number for number in (float, int) if number in kinds), None)
     is_wrong = isinstance(value, float) and not math.isfinite(value)

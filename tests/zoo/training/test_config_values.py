@@ -36,6 +36,7 @@ NOISE = {"_target_": "albumentations.GaussNoise", "std_range": [2, 3]}
         ("model.name", 2024, "model.name=2024: must be text"),
         ("logger.tensorboard", True, "logger.tensorboard=true: takes keys"),
         ("logger.tensorboard.name", 3, "logger.tensorboard.name=3: must be text"),
+        ("callbacks.early_stopping.monitor", ["val/mse"], "monitor=[val/mse]: must be text"),
         ("trainer.profiler", True, "trainer.profiler=true: must be text"),
         ("data.augment.brightness", 1, "data.augment.brightness=1: takes keys"),
         ("optim.lr", 0, "optim.lr=0: must be a number above 0"),
