@@ -46,7 +46,7 @@ class BatchOptions(ReadOptions):
     batch_size: Count = 64
     augment_on: Literal["auto", "cpu", "device"] = "auto"
     window_shards: Count = 64
-    workers: Annotated[int, Field(ge=0)] = 0
+    workers: Annotated[int, Field(ge=0, le=256)] = 0
     seed: Annotated[int, Untyped()] = 1
 
     @property

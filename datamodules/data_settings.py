@@ -106,7 +106,7 @@ class DataSettings(BatchOptions):
         for key in keys_of(DataSettings):
             if key.name not in READ_LATER:
                 value = convert(f"data.{key.name}", key.kind, getattr(self, key.name))
-                if isinstance(value, str):  # of a number or a list
+                if isinstance(value, str | int):  # of a number or a list; 1e3 of a whole number
                     object.__setattr__(self, key.name, value)
         camera_numbers(self.cameras)
         object.__setattr__(self, "view", View(self.crop, self.colour, self.size, self.resize))

@@ -269,7 +269,12 @@ def test_weights_are_one_for_each_recording(weights, recorded, console):
         ("rig", ["udacity", "donkey_sim"], "rig=udacity,donkey_sim: no such file, and no rig's"),
         ("format", 2.5, "format=2.5: no such format"),
         ("split", [0.5, 2], "0.5,2"),
+        ("workers", 1e3, "data.workers=1000.0: must be a whole number in 0..256"),
     ],
 )
 def test_a_number_or_a_list_is_read_as_text(load, key, value, words):
     assert words in refusal(load, **{key: value})
+
+
+def test_a_whole_number_may_have_an_exponent(load):
+    assert repr(load(split_seed=2e3).options.split_seed) == "2000"
