@@ -82,10 +82,9 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
     roots = [roots] if isinstance(roots, str) else list(roots)
     if not roots:
         raise InputError("data.root is an empty list: name the folder of a recording")
-    options = ReadOptions(**said).of_each(len(roots))
     parts = [
-        read_recording(Path(root).expanduser(), option)[1]
-        for root, option in zip(roots, options, strict=True)
+        read_recording(Path(root).expanduser(), options)[1]
+        for root, options in zip(roots, ReadOptions(**said).of_each(len(roots)), strict=True)
     ]
     if any(part.places is not None for part in parts) and len(parts) > 1:
         parts = [replace(part, places=_places(part)) for part in parts]

@@ -132,8 +132,7 @@ class Film(contextlib.AbstractContextManager):
         if self._video is None:
             with file_errors(self.path, UNWRITTEN):
                 part = self._open.enter_context(whole_path(self.path))
-            size = frame.shape[1], frame.shape[0]
-            video = VideoWriter(part, self.path, size, self.fps, FILM)
+            video = VideoWriter(part, self.path, frame.shape[1::-1], self.fps, FILM)
             self._video = self._open.enter_context(video)
         self._video.add(frame)
 

@@ -163,5 +163,4 @@ def returning(
     part_m = way_m / len(sent)
     turned = np.cumsum(bends) * part_m
     right_m = float(np.sum(turned - bends * part_m / 2)) * part_m
-    back = -2 * (right_m + RETURN_M * float(turned[-1])) / RETURN_M**2
-    return float(rig.steering_of(back))
+    return float(rig.steering_of(-2 * (right_m + RETURN_M * float(turned[-1])) / RETURN_M**2))

@@ -46,8 +46,7 @@ def policy_kind(contents: Any) -> PolicyKind | None:
     Raises:
         InputError: see `load_entry`.
     """
-    kinds = load_entries(GROUP, PolicyKind)
-    return next((kind for kind in kinds if kind.detect(contents)), None)
+    return next((kind for kind in load_entries(GROUP, PolicyKind) if kind.detect(contents)), None)
 
 
 def kind_names() -> str:

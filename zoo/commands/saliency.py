@@ -81,14 +81,13 @@ def _frames(source: Path, said: dict) -> list[tuple[np.ndarray, float, str]]:
     if source.is_file() and source.suffix != ".csv" and "format" not in said:
         return [(_read_frame(source), 0.0, f"{source.name}; right: what the steering depends on")]
     recording = read_recordings(str(source), **said | {"on_bad_image": "skip"})
-    rows = np.unique(np.linspace(0, len(recording) - 1, SHOWN).round().astype(int))
     return [
         (
             _read_frame(recording.images[row, 0]),
             recording.speed_mph[row],
             f"row {row + 1}, recorded steering {round(recording.steering[row], 2) + 0.0:+.2f}",
         )
-        for row in rows
+        for row in np.unique(np.linspace(0, len(recording) - 1, SHOWN).round().astype(int))
     ]
 
 

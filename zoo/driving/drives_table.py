@@ -132,8 +132,7 @@ def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
 def print_drives(tracks: dict[str, dict], console: Console, table: str = DRIVES) -> None:
     """Print `drives_table`."""
     turned = drives_table(tracks, table)
-    caption = turned.caption or None
-    console.print(turned.printed(whole=[0], caption=caption, caption_justify="left"))
+    console.print(turned.printed(whole=[0], caption=turned.caption or None, caption_justify="left"))
 
 
 def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[Column]:

@@ -191,10 +191,9 @@ def compare_pairs(entries: Sequence[Entry]) -> dict[tuple[int, int], Comparison]
     """
     pairs = list(itertools.combinations(range(len(entries)), 2))
     overall = [[*compare_entries(entries[a], entries[b]).values()][-1] for a, b in pairs]
-    corrected = holm([group.p for group in overall])
     return {
         pair: replace(group, p=p, verdict=group.verdict if p < SIGNIFICANT else CANNOT_TELL)
-        for pair, group, p in zip(pairs, overall, corrected, strict=True)
+        for pair, group, p in zip(pairs, overall, holm([group.p for group in overall]), strict=True)
     }
 
 

@@ -135,8 +135,7 @@ class Expert:
         bend = way * float(np.mean(track.curvature_at(preview)))
         bend /= 1 + bend * line
         back = np.clip(off, -reach / 2, reach / 2) / reach**2 + 1.6 * np.sin(course) / reach
-        wheel = np.arctan(WHEELBASE_M * (bend + back))
-        return -float(np.degrees(wheel)) / MAX_STEERING_DEG
+        return -float(np.degrees(np.arctan(WHEELBASE_M * (bend + back)))) / MAX_STEERING_DEG
 
     def _throttle(self, world: World) -> float:
         """Return the throttle that reaches and holds the speed that the bends ahead allow."""

@@ -111,8 +111,7 @@ def find_family(name: str) -> RoadFamily:
             ".yaml file"
         )
     status = path.stat()
-    version = (status.st_ino, status.st_mtime_ns, status.st_size)
-    return _read_family(path, version)
+    return _read_family(path, (status.st_ino, status.st_mtime_ns, status.st_size))
 
 
 @functools.lru_cache(maxsize=100)

@@ -1,5 +1,6 @@
 """Build the objects of an experiment from its config."""
 
+import csv
 import inspect
 import logging
 import re
@@ -281,11 +282,24 @@ def _when(settings: DictConfig, keys: Collection[str]) -> dict[str, bool]:
     return {key: False for key in AFTER_EPOCH if is_late and key in settings}
 
 
-def keep_earlier_log(folder: Path) -> None:
-    """Rename a stopped run's `metrics.csv` to `metrics.1.csv` ...: CSVLogger would delete it."""
+def keep_earlier_log(trainer: lightning.Trainer, folder: Path, steps: int) -> None:
+    """Let CSVLogger append to a stopped run's `metrics.csv`, which it would delete.
+
+    Args:
+        trainer: trainer of the resumed run.
+        folder: run's folder.
+        steps: number of steps before the resumed one; rows of later steps are logged once more.
+    """
     log = folder / "metrics.csv"
-    if log.is_file():
-        log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
+    if not log.is_file():
+        return
+    kept = log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
+    with kept.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if None not in (*row, *row.values())]
+    writer = trainer.loggers[0].experiment
+    writer.metrics = [row for row in rows if row["step"].isdecimal() and int(row["step"]) < steps]
+    writer.save()
+    kept.unlink()  # only now: a run that is killed before loses no row
 
 
 def silence_libraries() -> None:

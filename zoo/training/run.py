@@ -139,7 +139,8 @@ def _run(
             words = json.dumps([*typed], ensure_ascii=False)  # is YAML; OmegaConf reads ${ in paths
             write_whole(folder / ".hydra" / "overrides.yaml", words)
         write_split(folder / "split.csv", data.recording, data.split, resumed is not None)
-        build.keep_earlier_log(folder)
+        if resumed is not None:
+            build.keep_earlier_log(trainer, folder, resumed.contents["global_step"])
 
     log_config(trainer, card["config"])
 
