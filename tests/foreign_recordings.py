@@ -27,9 +27,7 @@ def frames(right: float = 1.0) -> list[np.ndarray]:
 
 def driving_log(folder: Path, right: float = 1.0) -> Path:
     """Write a log as of Udacity's simulator."""
-    names = [
-        f"center_2020_01_01_12_00_{row // 20:02d}_{row % 20 * 50:03d}.jpg" for row in range(ROWS)
-    ]
+    names = [f"center_2020_01_01_12_00_{at // 20:02d}_{at % 20 * 50:03d}.jpg" for at in range(ROWS)]
     write_frames(folder / "IMG", names, right)
     rows = [f"IMG/{name},,,{turn},0.2,0,9" for name, turn in zip(names, STEERING, strict=True)]
     (folder / "driving_log.csv").write_text("\n".join(rows) + "\n")
@@ -39,9 +37,7 @@ def driving_log(folder: Path, right: float = 1.0) -> Path:
 def challenge2_test(folder: Path) -> Path:
     stamps = [NS + 50_000_000 * row for row in range(ROWS)]
     write_frames(folder / "center", [f"{stamp}.jpg" for stamp in stamps])
-    rows = [
-        f"{at},{-8.2 * value!r},0\n" for at, value in zip(stamps, STEERING.tolist(), strict=True)
-    ]
+    rows = [f"{at},{-8.2 * turn!r},0\n" for at, turn in zip(stamps, STEERING.tolist(), strict=True)]
     text = "frame_id,steering_angle,public\n" + "".join(rows)
     (folder / "CH2_final_evaluation.csv").write_text(text)
     return folder

@@ -108,9 +108,8 @@ def write_recording(
     for row, stem in enumerate(stems):
         fields = []
         for camera in SIDEWAYS:
-            blank = " " if style == "relative" and camera != "center" else ""
-            present = camera in cameras
-            fields.append(f"{blank}{FOLDERS[style]}{camera}_{stem}.jpg" if present else "")
+            gap = " " if style == "relative" and camera != "center" else ""
+            fields.append(f"{gap}{FOLDERS[style]}{camera}_{stem}.jpg" if camera in cameras else "")
         numbers = [texts[name][row] for name in columns]
         fields += [text.replace(".", ",") if decimal_comma else text for text in numbers]
         lines.append(",".join(fields))
@@ -163,10 +162,8 @@ def draw_road(steering: float, sideways: int, travelled_m: float, grass: np.ndar
     y = HORIZON + nearness * (160 - HORIZON)
     middle = 160 + 120 * steering * (1 - nearness) ** 2 + sideways * nearness
     half = 6 + 110 * nearness
-    outline = np.concatenate(
-        [np.stack([middle - half, y], 1), np.stack([middle + half, y], 1)[::-1]]
-    )
-    cv2.fillPoly(image, [outline.astype(np.int32)], (110, 110, 115))
+    road = np.concatenate([np.stack([middle - half, y], 1), np.stack([middle + half, y], 1)[::-1]])
+    cv2.fillPoly(image, [road.astype(np.int32)], (110, 110, 115))
     # The edges have red and white stripes, which move towards the car.
     distance = 40 / (nearness + 0.08)
     striped = ((distance + travelled_m) // 6).astype(int) % 2
@@ -193,16 +190,11 @@ def _grass(rng: np.random.Generator) -> np.ndarray:
     image = np.empty((160, 320, 3), np.uint8)
     image[:HORIZON] = (120, 160, 220)
     image[HORIZON:] = (70, 120, 50)
-    noise = rng.integers(-12, 13, (160, 320, 1))
-    return np.clip(image + noise, 0, 255).astype(np.uint8)
+    return np.clip(image + rng.integers(-12, 13, (160, 320, 1)), 0, 255).astype(np.uint8)
 
 
 def write_as(
-    name: str,
-    recording: Recording,
-    out: Path,
-    progress: Progress = lambda share: None,
-    **how: object,
+    name: str, recording: Recording, out: Path, progress: Progress = lambda _: None, **how: object
 ) -> Converted:
     """Write a recording in a format; `how` as in `WriteOptions`."""
     options = WriteOptions(**how)  # type: ignore[arg-type]

@@ -94,8 +94,7 @@ def test_shift_adds_to_the_steering_and_clips_it():
 def test_shift_of_rows_moves_up_and_down_without_steering():
     horizon = np.zeros((40, 40, 320, 3), np.uint8)
     horizon[:, 20:] = 255
-    augment = Augment([Shift(pixels=0, rows=6, p=1.0)], "rgb")
-    moved, steering = augment(horizon, zeros(horizon), seed=3)
+    moved, steering = Augment([Shift(pixels=0, rows=6, p=1.0)], "rgb")(horizon, zeros(horizon), 3)
     edges = 40 - moved[:, :, 0, 0].sum(axis=1) / 255
     assert not steering.any()
     assert 14 <= edges.min() < 16
@@ -151,8 +150,7 @@ def test_same_seed_same_images(images):
 def test_transforms_of_a_batch_draw_independently():
     """With albumentations' random stream both transforms would change the same images."""
     white = np.full((1, 8, 320, 3), 200, np.uint8)
-    dark = Brightness(scale=(0.5, 0.5), p=0.5)
-    augment = Augment([Shift(p=0.5), dark], "rgb")
+    augment = Augment([Shift(p=0.5), Brightness(scale=(0.5, 0.5), p=0.5)], "rgb")
     seen = set()
     for seed in range(60):
         image, steering = augment(white, np.zeros(1, np.float32), seed)
@@ -257,8 +255,7 @@ def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature:
 def test_a_bend_that_has_begun_steers_by_its_radius_and_a_later_one_not_yet() -> None:
     angle = np.degrees(np.arctan(rig.WHEELBASE_M * 0.05)) / rig.MAX_STEERING_DEG
     curvature, begin = np.array([0.05, -0.05, 0.05, 0.05]), np.array([BEGUN, BEGUN, 2.0, 4.0])
-    added = added_steering(curvature, begin, UDACITY)
-    assert added == pytest.approx([angle, -angle, angle / 2, 0])
+    assert added_steering(curvature, begin, UDACITY) == pytest.approx([angle, -angle, angle / 2, 0])
 
 
 def test_near_rows_stay_until_the_bend_begins_and_far_ones_move_most() -> None:
@@ -276,9 +273,8 @@ def test_a_cropped_and_resized_view_moves_like_the_rows_it_shows() -> None:
 
 
 def test_a_rig_of_twice_the_pixels_moves_the_same_shares_of_a_view() -> None:
-    large = replace(CAMERA, size=(640, 320))
     shape, bends = (9, 50, 100, 3), [fitted(Bend(), (40, 20)), Bend()]
-    bends[1].fit((40, 20), replace(UDACITY, cameras={"center": large}))
+    bends[1].fit((40, 20), replace(UDACITY, cameras={"center": replace(CAMERA, size=(640, 320))}))
     usual, doubled = (bend.draw(shape, np.random.default_rng(2)) for bend in bends)
     assert doubled == pytest.approx(usual, abs=0.2)
 
@@ -301,7 +297,6 @@ def test_it_moves_the_image_to_the_side_it_steers_to() -> None:
 
 def test_a_share_of_the_samples_is_left_alone() -> None:
     images = np.random.default_rng(0).integers(0, 255, (400, 8, 16, 1)).astype(np.uint8)
-    augment = Augment([fitted(Bend(p=0.3, begun=0.5))], "gray")
-    changed, steering = augment(images, zeros(images), seed=1)
+    changed, steering = Augment([fitted(Bend(p=0.3, begun=0.5))], "gray")(images, zeros(images), 1)
     assert 0.2 < (changed != images).any((1, 2, 3)).mean() < 0.4
     assert 0.15 < (steering != 0).mean() < 0.27

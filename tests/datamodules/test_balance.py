@@ -20,8 +20,7 @@ FREE = {"straight_cap": None}
 
 
 def samples_of(steering: np.ndarray, cameras: tuple[str, ...] = ("center",)) -> Samples:
-    recording = recording_in_memory(steering)
-    return make_samples(recording, np.arange(len(steering)), list(cameras), 0.25)
+    return make_samples(recording_in_memory(steering), np.arange(len(steering)), [*cameras], 0.25)
 
 
 def straight_of(samples: Samples, batch: np.ndarray, threshold: float = 0.1) -> int:
@@ -67,14 +66,12 @@ def test_the_cap_is_judged_on_the_corrected_steering():
     """A straight row is a curve through the left camera, and a curve may be straight there."""
     samples = samples_of(np.array([0.0, -0.25] * 50), ("center", "left"))
     for batch in epoch_batches(samples, 10, 0, 1, straight_cap=0.3):
-        nearly_straight = np.isclose(samples.steering[batch], 0.0)
-        assert nearly_straight.sum() <= 3
+        assert np.isclose(samples.steering[batch], 0.0).sum() <= 3
 
 
 def test_the_threshold_itself_is_not_straight():
     samples = samples_of(np.full(10, 0.25))
-    batches = epoch_batches(samples, 5, 0, 1, straight_cap=0.0, straight_threshold=0.25)
-    assert len(batches) == 2
+    assert len(epoch_batches(samples, 5, 0, 1, straight_cap=0.0, straight_threshold=0.25)) == 2
 
 
 @given(cap=st.sampled_from([None, 0.5]), batch_size=st.integers(1, 50), rows=st.integers(1, 200))
@@ -136,19 +133,12 @@ def balances(draw) -> tuple[Samples, dict]:
     return samples, balance
 
 
-@given(
-    drawn=balances(),
-    world=st.integers(1, 4),
-    batch_size=st.integers(1, 130),
-    epoch=st.integers(0, 3),
-)
-def test_the_shares_of_processes_are_the_batches_of_one(drawn, world, batch_size, epoch):
+@given(drawn=balances(), world=st.integers(1, 4), size=st.integers(1, 130), epoch=st.integers(0, 3))
+def test_the_shares_of_processes_are_the_batches_of_one(drawn, world, size, epoch):
     """The ranks' shards hold each sample of each step once, in the same order."""
     samples, balance = drawn
-    alone = BalancedBatches(samples, batch_size, 1, **balance)
-    ranks = [
-        BalancedBatches(samples, batch_size, 1, rank, world, **balance) for rank in range(world)
-    ]
+    alone = BalancedBatches(samples, size, 1, **balance)
+    ranks = [BalancedBatches(samples, size, 1, rank, world, **balance) for rank in range(world)]
     for batches in (alone, *ranks):
         batches.set_epoch(epoch)
         assert len(batches) == len(list(batches))
@@ -201,16 +191,14 @@ def test_what_replaces_straight_samples_is_drawn_by_weight():
     samples = samples_of(np.repeat([0.0, 0.5, -0.5], [900, 50, 50]))
     weights = np.repeat([1.0, 1.0, 9.0], [900, 50, 50])
     batches = epoch_batches(samples, 100, 0, 1, straight_cap=0.0, weights=weights)
-    heavy = (samples.steering[np.concatenate(batches)] < 0).mean()
-    assert heavy == pytest.approx(0.9, abs=0.03)
+    assert (samples.steering[np.concatenate(batches)] < 0).mean() == pytest.approx(0.9, abs=0.03)
 
 
 ALL = ["center", "left", "right"]
 
 
 def test_left_steers_right_and_right_steers_left_up_to_full_lock():
-    recording = recording_in_memory([0.1, 0.9, -0.9])
-    samples = make_samples(recording, np.arange(3), ALL, offset=0.25)
+    samples = make_samples(recording_in_memory([0.1, 0.9, -0.9]), np.arange(3), ALL, offset=0.25)
     assert samples.camera.tolist() == [CENTER, LEFT, RIGHT] * 3
     steering = [0.1, 0.35, -0.15, 0.9, 1, 0.65, -0.9, -0.65, -1]
     np.testing.assert_allclose(samples.steering, steering, atol=1e-7)
@@ -219,8 +207,7 @@ def test_left_steers_right_and_right_steers_left_up_to_full_lock():
 def test_each_row_has_its_recorded_cameras_in_their_order():
     recording = recording_in_memory(np.zeros(5), cameras=("center", "right"))
     samples = make_samples(recording, np.array([1, 3]), ["right", "center", "left"], 0.25)
-    assert samples.row.tolist() == [1, 1, 3, 3]
-    assert samples.camera.tolist() == [CENTER, RIGHT] * 2
+    assert (samples.row.tolist(), samples.camera.tolist()) == ([1, 1, 3, 3], [CENTER, RIGHT] * 2)
 
 
 def test_brake_is_throttle_below_zero():
@@ -260,8 +247,7 @@ def test_recovery_of_left_and_right_cameras_by_speed():
 
 @pytest.mark.parametrize("settings", [{"recover_s": 2.0}, {"windows": Windows(ahead=1)}])
 def test_a_side_camera_whose_place_is_unknown_is_refused(settings):
-    centre_only = replace(UDACITY, cameras={"center": UDACITY.cameras["center"]})
-    for rig in (centre_only, None):
+    for rig in (replace(UDACITY, cameras={"center": UDACITY.cameras["center"]}), None):
         recording = replace(recording_in_memory([0.0] * 4), rig=rig)
         with pytest.raises(UsageError, match=r"left camera; .*data\.cameras=\[center\]"):
             make_samples(recording, np.array([0, 1]), ALL, **settings)

@@ -31,8 +31,7 @@ def settings_table() -> str:
 
 
 def test_the_yaml_file_has_the_keys_and_their_meanings() -> None:
-    values = OmegaConf.to_container(OmegaConf.load(RECORDING))
-    assert values.keys() - {"_target_"} == KEYS.keys()
+    assert OmegaConf.to_container(OmegaConf.load(RECORDING)).keys() - {"_target_"} == KEYS.keys()
     comments = comments_of(RECORDING.read_text())
     for name, key in KEYS.items():
         # A comment may leave out the first words, which its key and its default tell.

@@ -186,7 +186,7 @@ def test_views_that_do_not_fit_stay_where_they_are(data) -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "device", "augment", "made_on"),
+    ("setting", "device", "augment", "made"),
     [
         ("auto", "cpu", [Brightness()], None),
         ("auto", "meta", [Brightness()], "meta"),
@@ -195,13 +195,11 @@ def test_views_that_do_not_fit_stay_where_they_are(data) -> None:
         ("cpu", "meta", [Brightness()], None),
     ],
 )
-def test_where_batches_are_made(
-    data, monkeypatch, console, setting, device, augment, made_on
-) -> None:
+def test_where_batches_are_made(data, monkeypatch, console, setting, device, augment, made) -> None:
     monkeypatch.setattr(data, "options", replace(data.options, augment_on=setting))
     monkeypatch.setattr(data, "augment", Augment(augment, "rgb"))
     chosen = data.choose_batch_device(torch.device(device), console)
-    assert chosen == (torch.device(made_on) if made_on else None)
+    assert chosen == (torch.device(made) if made else None)
     printed = console.file.getvalue()
     if len(augment) > 1:
         assert "augmented on the CPU" in printed

@@ -37,8 +37,7 @@ def load(recorded, console):
 @pytest.mark.parametrize("size", [(66, 200), None])
 def test_recordings_of_several_sizes_crop_the_same_shares(tmp_path, console, size):
     small = write_recording(tmp_path / "small", rows=20)
-    large = write_resized(small, tmp_path / "large", 640, 480)
-    folders = [str(large.folder), str(small.folder)]
+    folders = [str(write_resized(small, tmp_path / "large", 640, 480).folder), str(small.folder)]
     settings = DataSettings(folders, crop=(60, 25), colour="gray", size=size, cache=None)
     data = settings.load(console)
     assert data.view == replace(settings.view, frame=(480, 640)), "of the first image"

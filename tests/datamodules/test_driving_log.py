@@ -80,9 +80,8 @@ ONE_ROW: dict[str, tuple[str | bytes, tuple, tuple]] = {
 }
 
 
-@pytest.mark.parametrize("name", ONE_ROW)
-def test_a_row_in_every_dialect(tmp_path, name):
-    text, paths, numbers = ONE_ROW[name]
+@pytest.mark.parametrize(("text", "paths", "numbers"), ONE_ROW.values(), ids=ONE_ROW)
+def test_a_row_in_every_dialect(tmp_path, text, paths, numbers):
     (row,) = read_text(tmp_path, text + (b"\n" if isinstance(text, bytes) else "\n"))
     assert (row.paths, row.numbers) == (paths, numbers)
 
@@ -134,14 +133,12 @@ def test_points_of_other_rows_do_not_end_decimal_commas(tmp_path):
 
 
 def test_lines_count_the_header_and_empty_lines_and_end_in_any_way(tmp_path):
-    text = f"{HEADER}\r\n{PATHS},0.1,0,0,1\r\n\n   \n{PATHS},0.2,0,0,2\n\n"
-    rows = read_text(tmp_path, text)
+    rows = read_text(tmp_path, f"{HEADER}\r\n{PATHS},0.1,0,0,1\r\n\n   \n{PATHS},0.2,0,0,2\n\n")
     assert [(row.line, row.numbers[0]) for row in rows] == [(2, 0.1), (5, 0.2)]
 
 
 def test_folder_name_in_an_old_code_page(tmp_path):
-    text = "C:\\Ren\xe9\\IMG\\center_1.jpg,,,0.5,0,0,1\n".encode("latin-1")
-    (row,) = read_text(tmp_path, text)
+    (row,) = read_text(tmp_path, "C:\\Ren\xe9\\IMG\\center_1.jpg,,,0.5,0,0,1\n".encode("latin-1"))
     assert row.paths[0].endswith("\\IMG\\center_1.jpg")
     assert row.numbers[0] == 0.5
 
@@ -211,14 +208,23 @@ REFUSED = [
     (GOOD * 7 + f'"{GOOD}' + GOOD * 99, "row 8: a quote opens here"),
     (GOOD * 7 + f'"{GOOD}' + GOOD * 1_099, "row 8: not a CSV row"),
     *((text, "the log has no rows") for text in ("", "\n\n", HEADER + "\n", "\ufeff")),
+    *(
+        (HEADER.replace("left", name) + f"\n{GOOD}", f"csv, row 1: ... {name} 2 times ... {HEADER}")
+        for name in ("center", "right", "speed")
+    ),
+    ("filename,angle,kmh\n1.jpg,0.1,3\n", f"row 1: the header filename,angle,kmh ... {HEADER}"),
+    (  # Row 8's quote ends at row 20's, and the thirteen rows would be read as one.
+        GOOD * 7 + f'{CENTER},{LEFT},"{RIGHT},0,0,0,1\n' + GOOD * 11 + f'x",0,0,0,1\n{GOOD}',
+        "row 8: a quote opens here ... row 20 ... delete the row",
+    ),
 ]
 
 
 @pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
 def test_what_is_wrong_is_named_with_file_and_row(tmp_path, text, words):
     message = refusal(read_text, tmp_path, text)
-    assert f"{tmp_path}/driving_log.csv" in message
-    assert words in message
+    for part in (f"{tmp_path}/driving_log.csv", *words.split(" ... ")):
+        assert part in message
     if "beyond" in words and "steering" not in words:
         assert "delete the row" in message
 
@@ -230,24 +236,6 @@ def test_a_last_row_that_is_being_written_is_left_out(tmp_path):
     for rest in (f"\n{PATHS},0,0,0,1\n", "\n"):
         within = refusal(read_text, tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0{rest}")
         assert "row 2: 5 columns, expected 7" in within
-
-
-@pytest.mark.parametrize("name", ["center", "right", "speed"])
-def test_header_that_names_a_column_twice_is_refused(tmp_path, name):
-    names = HEADER.split(",")
-    names[1] = name
-    message = refusal(read_text, tmp_path, f"{','.join(names)}\n{PATHS},0,0,0,1\n")
-    for words in (f"{tmp_path}/driving_log.csv, row 1: ", f" {name} 2 times", HEADER):
-        assert words in message
-
-
-def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path):
-    """Row 8's quote ends at row 20's, and the thirteen rows would be read as one."""
-    inside = f"{PATHS},0,0,0,1\n" * 7 + f'{CENTER},{LEFT},"{RIGHT},0,0,0,1\n'
-    inside += f"{PATHS},0,0,0,1\n" * 11 + f'x",0,0,0,1\n{PATHS},0,0,0,1\n'
-    message = refusal(read_text, tmp_path, inside)
-    for words in ("row 8: a quote opens here", "row 20", "delete the row"):
-        assert words in message
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
@@ -301,9 +289,3 @@ def test_a_log_in_degrees_has_one_remedy_and_is_read_with_it(tmp_path):
     assert [row.numbers[0] for row in rows] == [0, -0.08, 0.5]
     (row,) = read_text(tmp_path, f"{PATHS},12,5,0,5,0,16\n", None, SteeringUnit("deg", full=25.0))
     assert row.numbers == (0.5, 0.5, 0, 16), "decimal commas"
-
-
-def test_a_header_of_another_format_is_named_with_the_columns_that_are_needed(tmp_path):
-    message = refusal(read_text, tmp_path, "filename,steer_angle,velocity\n1.jpg,0.1,3\n")
-    assert "row 1: the header filename,steer_angle,velocity" in message
-    assert HEADER in message

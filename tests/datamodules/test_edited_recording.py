@@ -45,6 +45,12 @@ def recording(source: Written) -> Recording:
     return read_recordings(str(source.folder))
 
 
+def rewritten(recording: Recording, edits: Edits, folder: Path) -> Recording:
+    """Write a recording's edits into a folder, and read it."""
+    write_edited(recording, edits, folder)
+    return read_recordings(str(folder))
+
+
 def test_kept_rows_are_as_recorded(recording: Recording, source: Written, tmp_path: Path) -> None:
     with unchanged(source.folder):
         written = write_edited(recording, drop(Edits(ROWS), (5, 30)), tmp_path / "new")
@@ -94,11 +100,9 @@ def test_images_are_links_or_else_copies(
 
 
 def test_mirroring_turns_images_cameras_and_steering(recording: Recording, tmp_path: Path) -> None:
-    write_edited(recording, mirror(drop(Edits(ROWS), (0, 10)), (20, 30)), tmp_path / "new")
-    again = read_recordings(str(tmp_path / "new"))
-    np.testing.assert_array_equal(
-        again.steering[:20], recording.steering[[*range(10, 20), *range(30, 40)]]
-    )
+    edits = mirror(drop(Edits(ROWS), (0, 10)), (20, 30))
+    again = rewritten(recording, edits, tmp_path / "new")
+    np.testing.assert_array_equal(again.steering[:20], recording.steering[np.r_[10:20, 30:40]])
     np.testing.assert_array_equal(again.steering[20:], -recording.steering[20:30])
     assert "-0," not in (tmp_path / "new" / "driving_log.csv").read_text()
     for camera, other in ((0, 0), (1, 2), (2, 1)):
@@ -113,8 +117,7 @@ def test_recordings_become_one_although_names_repeat(source: Written, tmp_path: 
     shutil.copytree(source.folder, tmp_path / "other")
     both = read_recordings([str(source.folder), str(tmp_path / "other")])
     Path(both.images[ROWS, 0]).write_bytes(source.image(3).read_bytes())
-    write_edited(both, Edits(2 * ROWS), tmp_path / "new")
-    again = read_recordings(str(tmp_path / "new"))
+    again = rewritten(both, Edits(2 * ROWS), tmp_path / "new")
     assert len(set(again.images.flat)) == 6 * ROWS
     assert Path(again.images[ROWS, 0]).read_bytes() == source.image(3).read_bytes()
     np.testing.assert_array_equal(again.time_s, both.time_s)
@@ -128,22 +131,17 @@ def test_a_gap_is_an_empty_line(has_times: bool, tmp_path: Path) -> None:
         names = [path.rename(path.with_name(f"{at:03d}.jpg")) for at, path in enumerate(names)]
     lines = [f"IMG/{path.name},,,0.1,0.5,0,9" for path in names]
     (folder / "driving_log.csv").write_text("\n".join(lines) + "\n")
-    write_edited(read_recordings(str(folder)), drop(Edits(ROWS), (5, 6)), tmp_path / "new")
-    line = read_recordings(str(tmp_path / "new")).line
-    assert np.flatnonzero(np.diff(line) > 1).tolist() == [4]
+    again = rewritten(read_recordings(str(folder)), drop(Edits(ROWS), (5, 6)), tmp_path / "new")
+    assert np.flatnonzero(np.diff(again.line) > 1).tolist() == [4]
 
 
-def test_gaps_of_the_source_and_mirrored_ends_are_empty_lines(
-    source: Written, tmp_path: Path
-) -> None:
+def test_source_gaps_and_mirrored_ends_are_empty_lines(source: Written, tmp_path: Path) -> None:
     shutil.copytree(source.folder, tmp_path / "old")
     (tmp_path / "old" / "IMG" / source.image(10).name).unlink()
     whole = read_recordings(str(tmp_path / "old"), on_bad_image="skip")
-    write_edited(whole, Edits(ROWS - 1), tmp_path / "copy")
-    copy = read_recordings(str(tmp_path / "copy"))
+    copy = rewritten(whole, Edits(ROWS - 1), tmp_path / "copy")
     assert np.flatnonzero(missing_rows(copy)).tolist() == [9]
-    write_edited(copy, mirror(Edits(ROWS - 1), (20, ROWS - 1)), tmp_path / "again")
-    again = read_recordings(str(tmp_path / "again"))
+    again = rewritten(copy, mirror(Edits(ROWS - 1), (20, ROWS - 1)), tmp_path / "again")
     assert np.flatnonzero(missing_rows(again)).tolist() == [9, 19]
 
 
@@ -153,8 +151,7 @@ def test_rows_that_share_an_image_keep_their_times(source: Written, tmp_path: Pa
     columns = {"image": "path", "steering": "turn", "time": "time"}
     told = {"columns": columns, "steering": {"unit": "share"}, "images": str(source.folder)}
     shared = read_recordings(str(tmp_path / "my.csv"), format="table", **told)
-    write_edited(shared, Edits(ROWS), tmp_path / "new")
-    again = read_recordings(str(tmp_path / "new"))
+    again = rewritten(shared, Edits(ROWS), tmp_path / "new")
     np.testing.assert_allclose(again.time_s, np.arange(ROWS) / 20)
 
 
@@ -198,8 +195,7 @@ def rows_of(edits: Edits) -> list[list[int]]:
 
 def test_dropping_leaves_out_rows_and_keeps_the_numbers_of_the_others() -> None:
     edits = drop(drop(TEN, (2, 4)), (3, 6))
-    assert edits.dropped == ((2, 6),)
-    assert rows_of(edits) == [[0, 1, 6, 7, 8, 9]]
+    assert (edits.dropped, rows_of(edits)) == (((2, 6),), [[0, 1, 6, 7, 8, 9]])
     assert TEN.dropped == (), "the edits before stay, for undo"
 
 

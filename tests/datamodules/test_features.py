@@ -57,8 +57,7 @@ def test_features_are_of_the_images_and_of_the_mirrored(recorded, tmp_path, cons
     data = data_of(recorded, tmp_path if cached else None)
     halves = Halves()
     plan = plan_of(data, halves.front())
-    assert (plan.images, plan.missing) == (480, 480)
-    assert plan.missing_bytes == 480 * 2 * 3 * 3 * 2
+    assert (plan.images, plan.missing, plan.missing_bytes) == (480, 480, 480 * 2 * 3 * 3 * 2)
 
     features = load_features(plan, data.views, console)
 
@@ -89,13 +88,11 @@ def test_a_batch_holds_the_features_of_the_images_that_it_would_be_fed(recorded,
     batches = data.training_batches()
     fed = FeatureBatches(batches, load_features(plan_of(data, halves.front()), data.views, console))
     for key in data.sampler():
-        features, plain = fed[key], batches[key]
+        given, plain = fed[key], batches[key]
         images = plain["images"].permute(0, 2, 3, 1).numpy()
-        np.testing.assert_array_equal(
-            features["images"].permute(0, 2, 3, 1).numpy(), halves(images)
-        )
+        np.testing.assert_array_equal(given["images"].permute(0, 2, 3, 1).numpy(), halves(images))
         for name in ("speed", "targets"):
-            np.testing.assert_array_equal(features[name], plain[name])
+            np.testing.assert_array_equal(given[name], plain[name])
 
 
 def test_a_disk_that_fills_leaves_no_half_file(recorded, tmp_path, console):

@@ -89,11 +89,9 @@ def test_a_size_is_that_after_the_turn_that_exif_names(kind, turn):
     assert (width, height) == ((80, 160) if 5 <= turn <= 8 else (160, 80))
 
 
-@pytest.mark.parametrize(
-    "exif", [b"Exif\0\0", b"Exif\0\0MM\0*\0\0\xff\xff", b"Exif\0\0XX", b"Exif"]
-)
-def test_a_damaged_exif_turns_nothing(exif):
+@pytest.mark.parametrize("tag", [b"Exif\0\0", b"Exif\0\0MM\0*\0\0\xff\xff", b"Exif\0\0XX", b"Exif"])
+def test_a_damaged_exif_turns_nothing(tag):
     buffer = io.BytesIO()
-    Image.fromarray(np.zeros((80, 160, 3), np.uint8)).save(buffer, "JPEG", exif=exif)
+    Image.fromarray(np.zeros((80, 160, 3), np.uint8)).save(buffer, "JPEG", exif=tag)
     assert decode_image(buffer.getvalue()).shape == (80, 160, 3)
     assert checked_size(buffer.getvalue()) == (160, 80)

@@ -13,7 +13,7 @@ from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.recordings import write_recording
 from tests.refusals import refusal
-from tests.zoo.command_runs import only_line, run_here
+from tests.zoo.command_runs import only_line, run_here, succeed
 from zoo.base.errors import InputError
 
 
@@ -118,13 +118,11 @@ def test_the_command_of_a_table_reads_it(here: Path) -> None:
     line = only_line(run_here(here, "set", module="zoo.commands.check"))
     words = line.partition("type drivezoo check ")[2].partition(" (keys")[0]
     file, how, columns = words.split(" ", 2)
-    done = run_here(here, file, how, columns.strip("'"), module="zoo.commands.check")
-    assert done.returncode == 0, done.stderr
+    succeed(run_here(here, file, how, columns.strip("'"), module="zoo.commands.check"))
 
 
 def test_a_log_under_another_name_has_its_formats_key(tmp_path: Path) -> None:
-    written = write_recording(tmp_path / "lake", rows=3)
-    other = written.log.rename(tmp_path / "lake" / "lap_one.csv")
+    other = write_recording(tmp_path / "lake", rows=3).log.rename(tmp_path / "lake" / "lap_one.csv")
     assert f"type drivezoo check {other} format=udacity" in refusal_of(tmp_path / "lake")
     assert len(read_recordings(str(other), format="udacity")) == 3
 
@@ -157,11 +155,10 @@ def packed(folder: Path, name: str) -> Path:
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_an_archive_has_the_command_that_unpacks_it(name: str, kind: str, tmp_path: Path) -> None:
     path = packed(tmp_path, name)
-    message = refusal_of(path if kind == "file" else path.parent)
     command = f"python -m zipfile -e {path} {path.parent}/{path.stem}"
     if not name.lower().endswith("zip"):
         command = f"tar -xf {path} -C {path.parent}"
-    assert message.endswith(f"type {command}")
+    assert refusal_of(path if kind == "file" else path.parent).endswith(f"type {command}")
 
 
 @pytest.mark.parametrize(
@@ -227,5 +224,4 @@ def test_an_image_is_found_by_another_spelling(kind: str, spelling: str, tmp_pat
     else:
         record = {"cam/image_array": written, "user/angle": 0.1}
         (tmp_path / "catalog_0.catalog").write_text(json.dumps(record) + "\n")
-    recording = read_recordings(str(tmp_path), **options)
-    assert Path(recording.images[0, 0]).name == there
+    assert Path(read_recordings(str(tmp_path), **options).images[0, 0]).name == there

@@ -45,9 +45,7 @@ def test_a_bend_from_the_rear_axle_steers_by_its_radius() -> None:
     assert label == pytest.approx(UDACITY.steering_of(curvature), rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("aside_m", "turn_deg"), [(0.8, 0.0), (-1.2, 0.0), (0.0, 8.0), (0.5, -6.0)]
-)
+@pytest.mark.parametrize(("aside_m", "turn_deg"), [(0.8, 0), (-1.2, 0), (0.0, 8), (0.5, -6)])
 def test_the_label_leads_back_to_the_line(aside_m: float, turn_deg: int) -> None:
     """The reference drives the circle of the label until it has come 4.3 m far."""
     pose = fitted(Pose())
@@ -87,8 +85,7 @@ def verges(frame: np.ndarray) -> np.ndarray:
     """Return the columns where the verges begin left and right of the road, [2, rows]."""
     bright = frame[75:90, :, 0] > 200
     right = MIDDLE + bright[:, MIDDLE:].argmax(1)
-    left = MIDDLE - bright[:, MIDDLE::-1].argmax(1)
-    return np.stack([left, right])
+    return np.stack([MIDDLE - bright[:, MIDDLE::-1].argmax(1), right])
 
 
 def test_windows_have_one_pose_and_a_label_for_each_row() -> None:
@@ -99,7 +96,6 @@ def test_windows_have_one_pose_and_a_label_for_each_row() -> None:
 
 
 def test_another_car_has_another_label() -> None:
-    longer = replace(UDACITY, front_axle_m=2 * UDACITY.front_axle_m)
     pose = Pose()
-    pose.fit((0, 0), longer)
+    pose.fit((0, 0), replace(UDACITY, front_axle_m=2 * UDACITY.front_axle_m))
     assert abs(steered(pose, aside_m=0.8)) > abs(steered(fitted(Pose()), aside_m=0.8))

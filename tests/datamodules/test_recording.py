@@ -35,17 +35,14 @@ def test_threads_that_read_a_file_at_once_each_get_their_images():
 
     reader = ForwardReader(numbers)
     with ThreadPoolExecutor(2) as pool:
-        walks = pool.map(
-            lambda row: [reader("video", number) for number in range(row, 400, 2)], (0, 1)
-        )
+        walks = pool.map(lambda row: [reader("video", at) for at in range(row, 400, 2)], (0, 1))
         assert [*walks] == [[*range(row, 400, 2)] for row in (0, 1)]
 
 
 def test_a_fingerprint_holds_no_digits_that_processors_compute_differently(tmp_path):
     recording = read_recordings(str(write_recording(tmp_path / "lake", rows=9).folder))
     others = (replace(recording, steering=recording.steering + change) for change in (-2e-16, 1e-4))
-    same = [changed.fingerprint() == recording.fingerprint() for changed in others]
-    assert same == [True, False]
+    assert [changed.fingerprint() == recording.fingerprint() for changed in others] == [True, False]
 
 
 def test_rows_are_recognised_in_a_part_of_another_recording(tmp_path):
@@ -53,8 +50,7 @@ def test_rows_are_recognised_in_a_part_of_another_recording(tmp_path):
     part = recording.keep(np.arange(90) % 3 > 0)
     part = replace(part, steering=np.where(np.arange(60) < 15, 0.123, part.steering))
     hashes = set(recording.row_hashes())
-    assert len(hashes) == 90
-    assert len(hashes & set(part.row_hashes())) == 45
+    assert (len(hashes), len(hashes & set(part.row_hashes()))) == (90, 45)
 
 
 @pytest.mark.parametrize("name", ["my lake", "lr=0.1,x", "[lake] {1}", "Straße %20 'n'"])
@@ -89,8 +85,7 @@ def test_a_recording_without_side_images_has_a_centre_camera_alone(tmp_path, cam
     written = write_recording(tmp_path / "lake", rows=2, cameras=cameras)
     for image in written.folder.glob("IMG/[lr]*.jpg"):
         image.unlink()
-    recording = read_recordings(str(written.folder))
-    assert recording.images[:, 1:].tolist() == [[None, None]] * 2
+    assert read_recordings(str(written.folder)).images[:, 1:].tolist() == [[None, None]] * 2
 
 
 def beside_the_log(folder: Path) -> Path:
@@ -145,9 +140,8 @@ def recorded_here(folder: Path, rows: int = 4):
 
 
 def test_a_copy_of_the_log_alone_reads_the_originals_images_and_says_so(tmp_path):
-    written = recorded_here(tmp_path / "lake")
     (tmp_path / "clean").mkdir()
-    shutil.copy(written.log, tmp_path / "clean")
+    shutil.copy(recorded_here(tmp_path / "lake").log, tmp_path / "clean")
     recording = read_recordings(str(tmp_path / "clean"))
     assert Path(recording.images[0, 0]).parent == tmp_path / "lake/IMG"
     (note,) = recording.notes

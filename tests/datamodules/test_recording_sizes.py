@@ -22,13 +22,10 @@ def test_images_that_no_record_names_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("deleted", ["[3, 4]", '["3", "4"]', "[3.0, 4.0]", '"3, 4"', '"[3, 4]"'])
-def test_deleted_records_are_left_out_and_their_images_have_a_row(
-    deleted: str, tmp_path: Path
-) -> None:
+def test_deleted_records_are_left_out_and_images_have_a_row(deleted: str, tmp_path: Path) -> None:
     folder = tub(tmp_path / "tub", rows=6)
     replace_in(folder / "manifest.json", "[]}", f"{deleted}}}")
-    steering = read_recordings(str(folder)).steering
-    assert steering == pytest.approx([0.0, 0.01, 0.02, 0.05])
+    assert read_recordings(str(folder)).steering == pytest.approx([0.0, 0.01, 0.02, 0.05])
     printed = notes(folder)
     assert "2 records left out" in printed
     assert "have no row" not in printed
@@ -70,8 +67,7 @@ def test_a_tub_without_its_manifest_is_read_in_the_order_of_its_catalogs(tmp_pat
 @pytest.mark.parametrize("rows", [1, 4])
 def test_images_beside_a_log_that_no_row_names_are_counted(rows: int, tmp_path: Path) -> None:
     written = write_recording(tmp_path / "lake", rows=4)
-    lines = written.log.read_text().splitlines(keepends=True)
-    written.log.write_text("".join(lines[:rows]))
+    written.log.write_text("".join(written.log.read_text().splitlines(keepends=True)[:rows]))
     note = f"{written.folder}: {3 * (4 - rows)} images in {written.folder}/IMG have no row"
     assert notes(written.folder) == ("" if rows == 4 else note)
 

@@ -54,8 +54,7 @@ def test_only_rows_near_another_part_are_dropped():
     split = split_rows(driven(9000), "blocks", block_s=10, gap_s=1)
     part = part_of_each_row(split, 9000)
     for dropped in np.flatnonzero(part == -1):
-        near = part[max(dropped - 15, 0) : dropped + 16]
-        assert len(set(near.tolist()) - {-1}) >= 1
+        assert len(set(part[max(dropped - 15, 0) : dropped + 16].tolist()) - {-1}) >= 1
         assert dropped not in split.test
     assert (part == -1).mean() < 0.06
 
@@ -94,8 +93,7 @@ def test_same_seed_same_split(kind):
 
 def test_blocks_never_reach_across_recordings():
     """Rows of two recordings are no neighbours: none is dropped at their border."""
-    sizes = (300, 300)
-    split = split_rows(driven(600, sizes), "blocks", val_share=0.5, test_share=0.0, block_s=20)
+    split = split_rows(driven(600, (300, 300)), "blocks", val_share=0.5, test_share=0.0, block_s=20)
     part = part_of_each_row(split, 600)
     assert -1 in part, "some borders lie within a recording"
     for row in (299, 300):
@@ -111,8 +109,7 @@ def test_a_border_at_a_recordings_end_drops_no_rows_of_the_next():
 
 
 def test_whole_recordings():
-    sizes = tuple([100] * 10)
-    split = split_rows(driven(1000, sizes), "recording", val_share=0.2, test_share=0.1)
+    split = split_rows(driven(1000, (100,) * 10), "recording", val_share=0.2, test_share=0.1)
     part = part_of_each_row(split, 1000).reshape(10, 100)
     assert (part == part[:, :1]).all()
     assert np.bincount(part[:, 0]).tolist() == [7, 2, 1]
@@ -126,8 +123,7 @@ def test_tiny_recording_still_gets_all_three_parts(rows):
 
 
 def test_two_rows_can_all_be_trained_on():
-    split = split_rows(driven(2), "blocks", val_share=0, test_share=0)
-    assert split.train.tolist() == [0, 1]
+    assert split_rows(driven(2), "blocks", val_share=0, test_share=0).train.tolist() == [0, 1]
 
 
 TOO_FEW = r"leaves no .*rows .*record more"
@@ -174,8 +170,7 @@ def test_the_rows_of_a_recording_that_is_named_twice_are_of_one_part(small, tmp_
     twice = read_recordings([*small.names, *small.names])
     split = split_rows(twice, "random")
     write_split(tmp_path / "split.csv", twice, split)
-    again = split_rows(twice, str(tmp_path / "split.csv"))
-    np.testing.assert_array_equal(again.train, split.train)
+    np.testing.assert_array_equal(split_rows(twice, str(tmp_path / "split.csv")).train, split.train)
 
 
 def test_the_gap_is_as_long_in_recordings_of_each_frame_rate():
@@ -192,8 +187,7 @@ def test_the_gap_is_as_long_in_recordings_of_each_frame_rate():
 def test_a_split_file_is_by_name_not_by_row(small, tmp_path):
     split = split_rows(small, "blocks")
     write_split(tmp_path / "split.csv", small, split)
-    without_first_five = small.keep(np.arange(40) >= 5)
-    again = split_rows(without_first_five, str(tmp_path / "split.csv"))
+    again = split_rows(small.keep(np.arange(40) >= 5), str(tmp_path / "split.csv"))
     for name in PARTS:
         rows = getattr(split, name)
         np.testing.assert_array_equal(getattr(again, name), rows[rows >= 5] - 5)
@@ -207,8 +201,7 @@ def test_a_split_of_images_named_as_formulas_reads_back_and_holds_none(small, tm
     written = (tmp_path / "split.csv").read_text()
     assert "\n=" not in written
     assert "\x1b" not in written
-    again = split_rows(small, str(tmp_path / "split.csv"))
-    np.testing.assert_array_equal(again.train, split.train)
+    np.testing.assert_array_equal(split_rows(small, str(tmp_path / "split.csv")).train, split.train)
     rows = [[names[row], part] for part in PARTS for row in getattr(split, part)]
     earlier = write_rows(tmp_path / "0.csv", rows)  # with the names as they are
     np.testing.assert_array_equal(split_rows(small, earlier).train, split.train)
@@ -264,9 +257,8 @@ def test_a_format_of_long_drives_states_longer_blocks_and_the_user_wins() -> Non
         part = split_rows(recording, val_share=0.2, test_share=0.0, **settings).val
         return np.diff(np.flatnonzero(np.diff(part, prepend=-9, append=99_999) > 1))
 
-    assert lengths(laps).min() == 150
-    assert lengths(long).min() == 450
-    assert lengths(long, block_s=20).min() == 300
+    shortest = lengths(laps).min(), lengths(long).min(), lengths(long, block_s=20).min()
+    assert shortest == (150, 450, 300)
     assert "30 s with gaps of 3 s" in split_words(long, "blocks")
     assert LONG_DRIVE.why in split_words(long, "blocks")
     assert "data.block_s, at most" in split_words(long, "blocks", block_s=1e6)

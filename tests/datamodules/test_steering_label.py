@@ -70,8 +70,7 @@ def test_a_sharp_driven_bend_widens_the_range() -> None:
 def test_a_side_camera_adds_the_curvature_of_its_offset_for_its_car(two_cars: Recording) -> None:
     label = curvature_label(two_cars)
     labelled = replace(two_cars, steering=in_label(two_cars, two_cars.steering, label))
-    rows = np.arange(len(two_cars))
-    samples = make_samples(labelled, rows, ["left"], 0.1, label=label)
+    samples = make_samples(labelled, np.arange(len(two_cars)), ["left"], 0.1, label=label)
     for number, rig in enumerate((UDACITY, LONG)):
         mask = two_cars.recording == number
         added = (samples.steering - labelled.steering)[mask] * label.curvature_per_m
@@ -81,8 +80,7 @@ def test_a_side_camera_adds_the_curvature_of_its_offset_for_its_car(two_cars: Re
 def test_recovery_adds_one_curvature_for_all_cars(two_cars: Recording) -> None:
     label = curvature_label(two_cars)
     labelled = replace(two_cars, steering=in_label(two_cars, two_cars.steering, label))
-    rows = np.arange(len(two_cars))
-    samples = make_samples(labelled, rows, ["left"], recover_s=2.0, label=label)
+    samples = make_samples(labelled, np.arange(len(two_cars)), ["left"], recover_s=2.0, label=label)
     assert np.ptp(samples.steering - labelled.steering) < 1e-6
     assert samples.steering[0] > labelled.steering[0]
 
@@ -96,8 +94,7 @@ def test_a_shifted_image_adds_the_curvature_of_its_steering(two_cars: Recording)
     steering, curvature = changed.values()
     assert steering != 0
     full = curvature_label(two_cars).curvature_per_m
-    driven = UDACITY.steering_of(labels * full)
-    expected = UDACITY.curvature(driven + steering) - labels * full
+    expected = UDACITY.curvature(UDACITY.steering_of(labels * full) + steering) - labels * full
     np.testing.assert_allclose(curvature * full, expected, rtol=1e-4)
 
 

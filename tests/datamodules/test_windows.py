@@ -37,12 +37,8 @@ def lake(tmp_path_factory):
 @pytest.fixture
 def load(lake, console):
     """Create and load a datamodule of a recording of 300 rows."""
-
-    def make(**settings) -> DrivingData:
-        settings = SETTINGS | {"root": str(lake.folder), **VIEW} | settings
-        return DataSettings(cache=str(lake.views), **settings).load(console)
-
-    return make
+    usual = SETTINGS | VIEW | {"root": str(lake.folder), "cache": str(lake.views)}
+    return lambda **settings: DataSettings(**usual | settings).load(console)
 
 
 def some(data: DrivingData, rank: int = 0, world: int = 1) -> BatchKey:
@@ -98,13 +94,12 @@ def test_a_side_camera_returns_to_the_line_in_the_steps_ahead(load, settings):
 def test_a_joined_recording_keeps_its_own_steps_ahead():
     joined = recording_in_memory(np.zeros(40), sizes=(20, 20))
     joined.time_s[20:] = 9_000 + np.arange(20) / 60
-    alone = joined.keep(joined.recording == 1)
 
     def left(recording: Recording, row: int) -> list[float]:
         samples = make_samples(recording, np.array([row]), ["left"], 0.2, windows=Windows(ahead=3))
         return samples.labels(np.array([0]))[0].tolist()
 
-    assert left(joined, 25) == left(alone, 5) != left(joined, 5)
+    assert left(joined, 25) == left(joined.keep(joined.recording == 1), 5) != left(joined, 5)
 
 
 def test_windows_of_one_frame_are_single_frames(load):
@@ -221,8 +216,7 @@ def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
         images = torch.cat([batch["images"] for batch in batches])
         frames = dict(zip(alone.rows, torch.cat([batch["images"] for batch in alone]), strict=True))
         for row, window in zip(batches.rows, images, strict=True):
-            past = torch.stack([frames[row - 4], frames[row - 2], frames[row]])
-            assert torch.equal(window, past)
+            assert torch.equal(window, torch.stack([frames[row - 4], frames[row - 2], frames[row]]))
         targets = torch.cat([batch["targets"] for batch in batches])
         assert torch.equal(targets[:, 0], torch.tensor(data.recording.steering[wanted]).float())
 
@@ -245,13 +239,12 @@ def test_shards_of_the_evaluation_together_are_all_rows_in_order(load, windows, 
 
 def test_sides_need_the_side_images_of_all_frames(load):
     data = load(**WINDOWS)
-    row = data.evaluation_batches("val").rows[4]
+    batches = data.evaluation_batches("val")
+    row = batches.rows[4]
     data.views.file[row - 2, 1] = -1
-    left, right = data.evaluation_batches("val").sides()
+    left, right = batches.sides()
     missing = {row - 2, row, row + 2}
-    assert left.rows.tolist() == [
-        other for other in data.evaluation_batches("val").rows if other not in missing
-    ]
+    assert left.rows.tolist() == [other for other in batches.rows if other not in missing]
     assert right[0]["images"].shape[1:] == (3, 3, 33, 100)
 
 

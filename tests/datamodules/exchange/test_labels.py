@@ -59,6 +59,7 @@ def test_side_cameras_are_those_nearest_in_time(tmp_path: Path) -> None:
 
 
 COLUMNS = {"image": "path", "steering": "turn"}
+HEADER = "timestamp,frame_id,filename,angle,speed\n"
 
 
 @pytest.mark.parametrize("middle", [0.3, -0.6])
@@ -83,9 +84,7 @@ def test_a_number_that_marks_rows_of_a_table_is_no_unit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("first_s", [0, 1_700_000_000])
 @pytest.mark.parametrize("unit_s", [1, 1e-3, 1e-6, 1e-9])
-def test_the_unit_of_a_tables_times_follows_from_their_steps(
-    unit_s: float, first_s: int, tmp_path: Path
-) -> None:
+def test_the_steps_of_times_tell_their_unit(unit_s: float, first_s: int, tmp_path: Path) -> None:
     log = table(tmp_path / "recording") / "my.csv"
     head, *rows = log.read_text().splitlines()
     times = [f"{round(first_s / unit_s) + row / 20 / unit_s:.2f}" for row in range(ROWS)]
@@ -147,8 +146,7 @@ def test_degrees_under_a_name_of_radians_stop(tmp_path: Path) -> None:
 
 
 def test_a_recording_without_rows_is_refused(tmp_path: Path) -> None:
-    header = "timestamp,frame_id,filename,angle,speed\n"
-    check_without_rows("challenge2", {"interpolated.csv": header}, tmp_path)
+    check_without_rows("challenge2", {"interpolated.csv": HEADER}, tmp_path)
 
 
 def check_without_rows(name: str, files: dict[str, str], folder: Path) -> None:
@@ -159,8 +157,7 @@ def check_without_rows(name: str, files: dict[str, str], folder: Path) -> None:
 
 
 def test_bad_rows_alone_are_named(tmp_path: Path) -> None:
-    header = "timestamp,frame_id,filename,angle,speed\n"
-    (tmp_path / "interpolated.csv").write_text(f"{header}0,center_camera,0.jpg,much,1\n")
+    (tmp_path / "interpolated.csv").write_text(f"{HEADER}0,center_camera,0.jpg,much,1\n")
     with pytest.raises(InputError, match=r"interpolated.csv, row 2: angle .*; correct"):
         read(tmp_path)
 
@@ -191,7 +188,5 @@ def test_times_that_run_backward_are_named_with_the_row(tmp_path: Path) -> None:
     log.write_text("\n".join([head, *center[:20], *center[40:], *center[20:40], ""]))
     texts = [oddity.text for oddity in find_oddities(read_recordings(str(folder)))]
     row = len(center) - 20 + 2
-    expected = (
-        rf"interpolated\.csv, row {row}: its time is before .*\(1 such rows\).*unless the clock"
-    )
-    assert any(re.search(expected, text) for text in texts)
+    words = rf"interpolated\.csv, row {row}: its time is before .*\(1 such rows\).*unless the clock"
+    assert any(re.search(words, text) for text in texts)

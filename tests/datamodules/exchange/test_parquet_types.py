@@ -76,9 +76,8 @@ def test_bytes_are_an_image_and_never_a_path(kind: object, images: list, tmp_pat
     secret.write_bytes(images[0])
     name = str(secret).encode()
     column = pa.array([name] * ROWS, pa.binary(len(name)) if kind == "fixed" else kind())
-    table = write(tmp_path / "table", column)
     with pytest.raises(InputError, match=r"rows\.parquet, row 1: .*no JPEG or PNG"):
-        convert_to_recording(table, tmp_path / "out", ReadOptions(**SAID))
+        convert_to_recording(write(tmp_path / "in", column), tmp_path / "out", ReadOptions(**SAID))
     assert not (tmp_path / "out").exists()
 
 

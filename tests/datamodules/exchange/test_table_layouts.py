@@ -28,6 +28,11 @@ def write(folder: Path, header: str, path: str = "IMG/{}.jpg", form: str = "{pat
     return folder / "labels.csv"
 
 
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    return write(tmp_path / "set", HEADER)
+
+
 def read(table: Path, columns: object = NAMED, **options: object) -> Recording:
     return read_recordings(str(table), format="table", columns=columns, **options)
 
@@ -77,8 +82,7 @@ def test_decimal_commas_are_read_between_semicolons(tmp_path: Path) -> None:
     check_whole(read(table, PLACED))
 
 
-def test_a_header_in_the_middle_is_left_out_and_noted(tmp_path: Path) -> None:
-    table = write(tmp_path / "set", HEADER)
+def test_a_header_in_the_middle_is_left_out_and_noted(table: Path) -> None:
     lines = table.read_text().splitlines()
     table.write_text("\n".join([*lines[:30], HEADER, *lines[30:], ""]))
     recording = read(table)
@@ -93,8 +97,7 @@ def test_two_equal_rows_without_a_header_are_two_rows(tmp_path: Path) -> None:
     assert len(read(table, PLACED)) == foreign.ROWS + 1
 
 
-def test_the_hidden_file_that_a_mac_writes_for_each_is_no_second_table(tmp_path: Path) -> None:
-    table = write(tmp_path / "set", HEADER)
+def test_the_hidden_file_that_a_mac_writes_for_each_is_no_second_table(table: Path) -> None:
     table.with_name("._labels.csv").write_bytes(b"\0\5\x16\7")
     check_whole(read(table.parent))
 
@@ -129,8 +132,7 @@ def test_times_that_are_dates_are_to_be_seconds(date: str, tmp_path: Path) -> No
         read(table, {"image": "image", "steering": "steering", "time": "when"})
 
 
-def test_no_window_reaches_over_a_bad_row(tmp_path: Path) -> None:
-    table = write(tmp_path / "set", HEADER)
+def test_no_window_reaches_over_a_bad_row(table: Path) -> None:
     lines = table.read_text().splitlines()
     lines[11] = "0.jpg,left"
     table.write_text("\n".join([*lines, ""]))
@@ -152,11 +154,9 @@ def test_the_path_itself_comes_first(tmp_path: Path) -> None:
     assert Path(read(table).images[0, 0]).parent.name == "pics"
 
 
-@pytest.mark.parametrize(
-    "path", ["../secret/{}.jpg", r"..\secret\{}.jpg", "IMG/../../secret/{}.jpg"]
-)
+@pytest.mark.parametrize("path", ["../other/{}.jpg", r"..\other\{}.jpg", "IMG/../../other/{}.jpg"])
 def test_a_path_out_of_the_folder_is_a_bad_row(path: str, tmp_path: Path) -> None:
-    foreign.write_frames(tmp_path / "secret", [f"{row}.jpg" for row in range(foreign.ROWS)])
+    foreign.write_frames(tmp_path / "other", [f"{row}.jpg" for row in range(foreign.ROWS)])
     table = write(tmp_path / "set", HEADER, path)
     with pytest.raises(InputError, match=r"labels\.csv, row 2: .* is no path within the folder"):
         read(table)
@@ -182,9 +182,8 @@ def test_a_missing_column_is_named(header: str, columns: dict, words: str, tmp_p
         read(write(tmp_path / "set", header), columns)
 
 
-def test_an_image_name_that_is_not_utf_8_makes_a_bad_row_as_in_a_log(tmp_path: Path) -> None:
-    table = write(tmp_path / "set", HEADER)
-    (tmp_path / "set/IMG/3.jpg").rename(tmp_path / "set/IMG" / os.fsdecode(b"\xe4.jpg"))
+def test_an_image_name_that_is_not_utf_8_makes_a_bad_row_as_in_a_log(table: Path) -> None:
+    (table.parent / "IMG/3.jpg").rename(table.parent / "IMG" / os.fsdecode(b"\xe4.jpg"))
     table.write_bytes(table.read_bytes().replace(b"IMG/3.jpg", b"IMG/\xe4.jpg"))
     with pytest.raises(InputError, match=r"labels\.csv, row 5: the image name .* is not UTF-8"):
         read(table)
@@ -194,8 +193,7 @@ def test_an_image_name_that_is_not_utf_8_makes_a_bad_row_as_in_a_log(tmp_path: P
 
 
 @pytest.mark.parametrize("value", [[0], {"a": 0}, None, True, 0.5])
-def test_a_column_is_a_name_or_a_position(value: object, tmp_path: Path) -> None:
-    table = write(tmp_path / "set", HEADER)
+def test_a_column_is_a_name_or_a_position(value: object, table: Path) -> None:
     with pytest.raises(UsageError, match=r"columns: image: .*name, or its position from 0"):
         read(table, {"image": value, "steering": 1})
 
@@ -208,10 +206,7 @@ def test_a_column_is_a_name_or_a_position(value: object, tmp_path: Path) -> None
         ("steering", "{unti: deg}", "steering: unti: unexpected"),
     ],
 )
-def test_a_missing_blank_and_an_unknown_key_are_named(
-    key: str, text: str, words: str, tmp_path: Path
-) -> None:
-    table = write(tmp_path / "set", HEADER)
+def test_a_missing_blank_or_odd_key_is_named(key: str, text: str, words: str, table: Path) -> None:
     with pytest.raises(UsageError, match=words):
         read(table, **{key: text})
 
@@ -222,11 +217,8 @@ def test_a_table_without_named_columns_names_those_that_it_has(tmp_path: Path) -
         read(write(tmp_path / "set", HEADER), None)
 
 
-def test_images_lie_in_a_folder_of_the_home(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    table = write(tmp_path / "set", HEADER)
-    (table.parent / "IMG").rename(tmp_path / "IMG")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+def test_images_lie_in_a_folder_of_home(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (table.parent / "IMG").rename(table.parents[1] / "IMG")
+    for name in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(name, str(table.parents[1]))
     check_whole(read(table, images="~/IMG"))

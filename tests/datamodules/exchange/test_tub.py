@@ -25,9 +25,8 @@ from zoo.commands.convert import convert
 def tub(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a tub of 40 rows with a pause after row 20."""
     whole = read_recordings(str(recorded.folder))
-    rows = np.r_[0:20, 60:80]
     out = tmp_path_factory.mktemp("tubs") / "tub"
-    write_as("donkeycar", whole.keep(np.isin(np.arange(len(whole)), rows)), out)
+    write_as("donkeycar", whole.keep(np.isin(np.arange(len(whole)), np.r_[0:20, 60:80])), out)
     return out
 
 
@@ -51,6 +50,11 @@ def write_tub(folder: Path, records: list[dict], deleted: tuple[int, ...] = ()) 
     return folder
 
 
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    return write_tub(tmp_path / "tub", [record(0), record(1)])
+
+
 def record(index: int, **changed: object) -> dict:
     content = {
         "cam/image_array": f"{index}_cam_image_array_.jpg",
@@ -64,9 +68,7 @@ def record(index: int, **changed: object) -> dict:
     return content | {key.replace("__", "/"): value for key, value in changed.items()}
 
 
-def test_images_come_back_to_the_bit_and_pauses(
-    recorded: Written, tub: Path, tmp_path: Path
-) -> None:
+def test_images_return_to_the_bit_and_pauses(recorded: Written, tub: Path, tmp_path: Path) -> None:
     result = convert_to_recording(tub, tmp_path / "again")
     again = read_recordings(str(tmp_path / "again"))
     for new, row in zip(again.images[:, 0], [*range(20), *range(60, 80)], strict=True):
@@ -79,8 +81,7 @@ def test_the_tub_has_donkeycars_keys(recorded: Written, tub: Path) -> None:
     lines = (tub / "manifest.json").read_text().splitlines()
     inputs, types, _, about, catalogs = map(json.loads, lines)
     assert dict(zip(inputs, types, strict=True))["cam/image_array"] == "image_array"
-    assert about["sessions"]["last_id"] == 1
-    assert catalogs["current_index"] == 40
+    assert (about["sessions"]["last_id"], catalogs["current_index"]) == (1, 40)
     rows = (tub / "catalog_0.catalog").read_text().splitlines(keepends=True)
     lengths = json.loads((tub / "catalog_0.catalog_manifest").read_text())["line_lengths"]
     assert lengths == [len(row) for row in rows]
@@ -93,12 +94,10 @@ def test_the_tub_has_donkeycars_keys(recorded: Written, tub: Path) -> None:
 
 def test_deleted_and_autopilot_records_are_left_out(tmp_path: Path) -> None:
     records = [record(0), record(1), record(2, user__mode="local"), record(3), record(4)]
-    result = convert_to_recording(
-        write_tub(tmp_path / "tub", records, deleted=(1, 4)), tmp_path / "new"
-    )
+    tub = write_tub(tmp_path / "tub", records, deleted=(1, 4))
+    result = convert_to_recording(tub, tmp_path / "new")
     new = read_recordings(str(tmp_path / "new"))
-    assert new.steering.tolist() == [0.0, 0.3]
-    assert new.time_s[0] == 1_600_000_000.0
+    assert (new.steering.tolist(), new.time_s[0]) == ([0.0, 0.3], 1_600_000_000.0)
     notes = "\n".join(result.notes)
     assert "2 records left out that the tub marks as deleted" in notes
     assert "1 record left out that an autopilot drove" in notes
@@ -124,9 +123,7 @@ def test_no_window_reaches_over_a_record_that_is_left_out(is_old: bool, tmp_path
 
 
 @pytest.mark.parametrize(("unit_ms", "step_s"), [(1, 0.05), (1, 5.0), (1000, 0.05)])
-def test_a_tubs_times_in_seconds_are_known_by_their_steps(
-    unit_ms: int, step_s: float, tmp_path: Path
-) -> None:
+def test_times_in_seconds_are_known_by_steps(unit_ms: int, step_s: float, tmp_path: Path) -> None:
     times = [1_600_000_000_000 / unit_ms + row * step_s * 1000 / unit_ms for row in range(6)]
     records = [record(row, _timestamp_ms=time) for row, time in enumerate(times)]
     recording = read_recordings(str(write_tub(tmp_path / "tub", records)))
@@ -157,19 +154,12 @@ def test_what_is_no_image_is_left_out_and_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("to", "size"), [("udacity", None), ("donkeycar", None), ("udacity", (60, 120))]
 )
-def test_padding_keeps_the_shape_of_an_odd_size(
-    to: str, size: tuple[int, int] | None, tmp_path: Path
-) -> None:
+def test_padding_keeps_an_odd_sizes_shape(to: str, size: tuple | None, tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(0), record(9)])
     cv2.imwrite(str(tub / "images" / "9_cam_image_array_.jpg"), np.full((120, 160, 3), 180))
     convert_to_recording(tub, tmp_path / "kept")
-    convert(
-        str(tub if to == "udacity" else tmp_path / "kept"),
-        to=to,
-        out=tmp_path / "padded",
-        fit="pad",
-        size=size,
-    )
+    source = str(tub if to == "udacity" else tmp_path / "kept")
+    convert(source, to=to, out=tmp_path / "padded", fit="pad", size=size)
     odd, padded = (read_recordings(str(tmp_path / fit)).images[1, 0] for fit in ("kept", "padded"))
     assert cv2.imread(odd).shape == (120, 160, 3)
     seen = read_image(padded)
@@ -188,8 +178,7 @@ def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
         (tub / f"record_{index}.json").write_text(json.dumps(content))
     convert_to_recording(tub, tmp_path / "new")
     new = read_recordings(str(tmp_path / "new"))
-    assert new.steering.tolist() == [0.01, 0.02, 0.1]
-    assert new.throttle.tolist() == [-0.5] * 3
+    assert (new.steering.tolist(), new.throttle.tolist()) == ([0.01, 0.02, 0.1], [-0.5] * 3)
     assert np.diff(new.time_s) == pytest.approx([0.1, 0.8])
 
 
@@ -222,10 +211,9 @@ SECOND_RECORDS = [
 
 
 @pytest.mark.parametrize(("text", "words"), SECOND_RECORDS, ids=range(len(SECOND_RECORDS)))
-def test_a_damaged_record_is_named_in_one_line(text: str, words: str, tmp_path: Path) -> None:
-    tub = write_tub(tmp_path / "tub", [record(0), record(1)])
-    (tub / "catalog_0.catalog").write_text(f"{json.dumps(record(0))}\n{text}\n")
-    refuse(tub, words)
+def test_a_damaged_record_is_named_in_one_line(text: str, words: str, small: Path) -> None:
+    (small / "catalog_0.catalog").write_text(f"{json.dumps(record(0))}\n{text}\n")
+    refuse(small, words)
 
 
 @pytest.mark.parametrize(
@@ -238,19 +226,17 @@ def test_a_damaged_record_is_named_in_one_line(text: str, words: str, tmp_path: 
         (7, "no lists"),
     ],
 )
-def test_wrong_names_of_catalogs_are_refused(paths: object, words: str, tmp_path: Path) -> None:
-    tub = write_tub(tmp_path / "tub", [record(0), record(1)])
-    write_lines(tub / "manifest.json", [[], [], {}, {}, {"paths": paths}])
-    refuse(tub, f"manifest.json, row 5: {words}")
+def test_wrong_names_of_catalogs_are_refused(paths: object, words: str, small: Path) -> None:
+    write_lines(small / "manifest.json", [[], [], {}, {}, {"paths": paths}])
+    refuse(small, f"manifest.json, row 5: {words}")
 
 
-def test_a_file_of_a_tub_that_is_cut_short_or_a_pipe_is_named(tmp_path: Path) -> None:
-    tub = write_tub(tmp_path / "tub", [record(0), record(1)])
-    (tub / "catalog_0.catalog").unlink()
-    os.mkfifo(tub / "catalog_0.catalog")
-    refuse(tub, "no regular file")
-    (tub / "manifest.json").write_text("[]\n")
-    refuse(tub, "manifest.json, row 5: no JSON")
+def test_a_file_of_a_tub_that_is_cut_short_or_a_pipe_is_named(small: Path) -> None:
+    (small / "catalog_0.catalog").unlink()
+    os.mkfifo(small / "catalog_0.catalog")
+    refuse(small, "no regular file")
+    (small / "manifest.json").write_text("[]\n")
+    refuse(small, "manifest.json, row 5: no JSON")
 
 
 def test_a_recording_without_times_gets_some(recorded: Written, tmp_path: Path) -> None:
@@ -272,8 +258,7 @@ def test_two_corrupt_records_are_counted_and_can_be_skipped(tmp_path: Path) -> N
     assert str(caught.value).count("delete") == 1, "one remedy"
     assert not (tmp_path / "out").exists()
     result = convert_to_recording(tub, tmp_path / "out", options=ReadOptions(on_bad_row="skip"))
-    steering = read_recordings(str(tmp_path / "out")).steering
-    assert steering.tolist() == [0.0, 0.1, 0.2, 0.5, 0.6, 0.7]
+    assert read_recordings(str(tmp_path / "out")).steering.tolist() == [0, 0.1, 0.2, 0.5, 0.6, 0.7]
     assert result.notes[0].startswith("2 rows left out: ")
     assert "catalog_1.catalog, row 2" in result.notes[0]
 
@@ -305,12 +290,11 @@ def test_a_tub_without_records_left_names_what_was_left_out(
 
 
 @pytest.mark.parametrize("ending", [".bmp", ".tif", ".webp"])
-def test_images_of_another_kind_are_named(ending: str, tmp_path: Path) -> None:
-    tub = write_tub(tmp_path / "tub", [record(0), record(1)])
-    for image in (tub / "images").iterdir():
+def test_images_of_another_kind_are_named(ending: str, small: Path) -> None:
+    for image in (small / "images").iterdir():
         image.write_bytes(cv2.imencode(ending, np.zeros((9, 9, 3), np.uint8))[1].tobytes())
     with pytest.raises(InputError, match=r"of another kind.*\(2 of 2 rows.*; copy .* again$"):
-        read_recordings(str(tub))
+        read_recordings(str(small))
 
 
 def test_drives_are_counted_by_the_gaps_that_check_counts(tmp_path: Path) -> None:
