@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 
 from zoo.base.errors import InputError
 
+Reader = Callable[[Path], object]
 # A hundred mutations in `make test`, thousands in `make test-all`.
 FEW_AND_MANY = pytest.mark.parametrize("count", [100, pytest.param(3000, marks=pytest.mark.slow)])
 ODD_BYTES = (b"\0", b"\xff", b"\xff" * 4, b"\xff" * 8, b"\x7f" + b"\xff" * 7, b"\n", b",", b'"')
@@ -39,9 +40,7 @@ ODD_FIELDS = (
 )  # fmt: skip
 
 
-def read_damaged(
-    damaged: st.SearchStrategy[bytes], read: Callable[[Path], object], path: Path, count: int
-) -> None:
+def read_damaged(damaged: st.SearchStrategy[bytes], read: Reader, path: Path, count: int) -> None:
     """Read many damaged files; each is read, or refused in one line that names it.
 
     Args:
@@ -69,7 +68,7 @@ def for_each(examples: st.SearchStrategy[Any], test: Callable[[Any], None], coun
     plan(given(examples)(test))()
 
 
-def check_reading(read: Callable[[Path], object], path: Path) -> None:
+def check_reading(read: Reader, path: Path) -> None:
     """Check that a reader reads a file, or refuses it in one line that names it."""
     try:
         read(path)

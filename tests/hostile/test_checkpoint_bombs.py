@@ -13,17 +13,9 @@ import onnxruntime
 import pytest
 import torch
 
-from tests.hostile.crafted_files import (
-    calls_bytearray,
-    contents_of,
-    deep_pickle,
-    many_lists,
-    rezip,
-    shared_lists,
-    shared_tuples_as_key,
-    with_pickle,
-)
+from tests.hostile import crafted_files as crafted
 from tests.refusals import refusal
+from tests.slow_members import slow
 from tests.zoo.bomb import Bomb
 from tests.zoo.command_runs import only_line, run
 from tests.zoo.written_checkpoints import write_constant
@@ -39,22 +31,16 @@ def path(tmp_path: Path) -> Path:
 
 def changed(path: Path, **config: object) -> Path:
     """Add keys to a checkpoint's config."""
-    contents = contents_of(path)
+    contents = crafted.contents_of(path)
     contents["drivezoo"]["config"] |= config
     torch.save(contents, path)
     return path
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        *("zoo.commands.export", "zoo.commands.evaluate"),
-        pytest.param("zoo.commands.doctor", marks=pytest.mark.slow),
-    ],
-)
-def test_lists_that_share_their_parts_are_not_expanded(module: str, path: Path) -> None:
-    changed(path, data=shared_lists(40))
-    result = run(path.parent, str(path), module=module, timeout=60)
+@pytest.mark.parametrize("name", ["export", "evaluate", *slow("doctor")])
+def test_lists_that_share_their_parts_are_not_expanded(name: str, path: Path) -> None:
+    changed(path, data=crafted.shared_lists(40))
+    result = run(path.parent, str(path), module=f"zoo.commands.{name}", timeout=60)
     printed = " ".join((result.stdout + result.stderr).split())
     assert "Traceback" not in printed
     assert "x.ckpt: is damaged" in printed
@@ -65,19 +51,21 @@ def test_lists_that_share_their_parts_are_not_expanded(module: str, path: Path) 
 @pytest.mark.parametrize(
     ("pickle", "words"),
     [
-        (deep_pickle(5000), "64 levels"),
-        (many_lists(1_900_000), "steps"),
-        (shared_tuples_as_key(45), "values"),
-        (calls_bytearray(8_000_000_000), "code"),
+        (crafted.deep_pickle(5000), "64 levels"),
+        (crafted.many_lists(1_900_000), "steps"),
+        (crafted.shared_tuples_as_key(45), "values"),
+        (crafted.calls_bytearray(8_000_000_000), "code"),
     ],
     ids=["deep", "many", "hash", "bytearray"],
 )
 def test_a_crafted_pickle_is_refused(pickle: bytes, words: str, path: Path) -> None:
     with pytest.raises(InputError, match=rf"x\.ckpt: .*{words}"):
-        load_plain(with_pickle(path, pickle))
+        load_plain(crafted.with_pickle(path, pickle))
 
 
-@pytest.mark.parametrize("pickle", [shared_tuples_as_key(45), calls_bytearray(8_000_000_000)])
+@pytest.mark.parametrize(
+    "pickle", [crafted.shared_tuples_as_key(45), crafted.calls_bytearray(8_000_000_000)]
+)
 def test_a_crafted_pickle_of_an_old_torch_file_is_refused(pickle: bytes, tmp_path: Path) -> None:
     torch.save({}, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
     whole = (tmp_path / "old.pth").read_bytes()
@@ -92,8 +80,7 @@ def test_an_old_torch_file_is_read(tmp_path: Path) -> None:
 
 
 def test_deflated_members_are_not_unpacked(path: Path) -> None:
-    zeros = bytes(100_000_000)
-    rezip(path, {"data/0": zeros}, zipfile.ZIP_DEFLATED)
+    crafted.rezip(path, {"data/0": bytes(100_000_000)}, zipfile.ZIP_DEFLATED)
     assert path.stat().st_size < 200_000
     tracemalloc.start()
     with pytest.raises(InputError, match=r"x\.ckpt: claims 100,0\d\d,\d+ bytes"):
@@ -103,7 +90,7 @@ def test_deflated_members_are_not_unpacked(path: Path) -> None:
 
 
 def test_a_checkpoint_that_was_packed_again_is_read(path: Path) -> None:
-    rezip(path, {}, zipfile.ZIP_DEFLATED)
+    crafted.rezip(path, {}, zipfile.ZIP_DEFLATED)
     load_checkpoint(path)
 
 
@@ -119,7 +106,7 @@ def test_an_archives_long_list_of_members_is_not_read(tmp_path: Path) -> None:
 
 
 def test_tensors_that_repeat_one_number_count_whole(path: Path) -> None:
-    contents = contents_of(path)
+    contents = crafted.contents_of(path)
     contents["state_dict"]["network.x"] = torch.zeros(1).expand(100_000_000)
     torch.save(contents, path)
     with pytest.raises(InputError, match=r"x\.ckpt: claims 400,000,\d+ bytes"):
@@ -127,7 +114,7 @@ def test_tensors_that_repeat_one_number_count_whole(path: Path) -> None:
 
 
 def test_weights_of_eight_bits_are_named(path: Path) -> None:
-    contents = contents_of(path)
+    contents = crafted.contents_of(path)
     for name, weight in contents["state_dict"].items():
         contents["state_dict"][name] = weight.to(torch.float8_e4m3fn)
     torch.save(contents, path)
@@ -137,7 +124,7 @@ def test_weights_of_eight_bits_are_named(path: Path) -> None:
 
 @pytest.mark.parametrize("value", [[0] * 1000, torch.zeros(3, 4), 10**400])
 def test_an_odd_format_is_one_short_line(value: object, path: Path) -> None:
-    contents = contents_of(path)
+    contents = crafted.contents_of(path)
     contents["drivezoo"]["format"] = value
     torch.save(contents, path)
     line = refusal(load_checkpoint, path)

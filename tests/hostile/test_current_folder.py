@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.command_runs import ROOT, run_words
+from tests.zoo.command_runs import ROOT, run_words, succeed
 from zoo.base.child_process import find_program, module_command
 from zoo.runs.code_fingerprint import commit_of
 
@@ -44,8 +44,7 @@ def run(folder: Path, *words: str) -> str:
     result = run_words(folder, *words)
     ran = folder / "ran"
     assert not ran.exists(), ran.read_text()
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result.stdout
+    return succeed(result)
 
 
 def drivezoo(folder: Path, *arguments: str) -> str:

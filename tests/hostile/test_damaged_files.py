@@ -209,9 +209,8 @@ DRIVES = {
 }
 
 
-@pytest.mark.parametrize("name", DRIVES)
-def test_a_damaged_drive_is_named(name: str, tmp_path: Path) -> None:
-    file, damage, words = DRIVES[name]
+@pytest.mark.parametrize(("file", "damage", "words"), DRIVES.values(), ids=DRIVES)
+def test_a_damaged_drive_is_named(file: str, damage: Damage, words: str, tmp_path: Path) -> None:
     drive = write_drive(tmp_path / "drive")
     assert len(read_drive(drive)) == 3
     damage(drive / file)
@@ -222,8 +221,7 @@ def test_a_damaged_drive_is_named(name: str, tmp_path: Path) -> None:
 
 
 def test_a_damaged_drive_is_named_by_the_report(trained: Path) -> None:
-    drive = write_drive(trained / "drives" / "lake-0")
-    field("autonomy", value="x")(drive / "drive.json")
+    field("autonomy", value="x")(write_drive(trained / "drives" / "lake-0") / "drive.json")
     run_read = ReportedRun.open(trained)
     assert run_read.drives == []
     (line,) = run_read.damaged_drives
@@ -248,9 +246,8 @@ SWEEPS = {
 }
 
 
-@pytest.mark.parametrize("name", SWEEPS)
-def test_a_damaged_sweep_is_named(name: str, tmp_path: Path) -> None:
-    damage, words = SWEEPS[name]
+@pytest.mark.parametrize(("damage", "words"), SWEEPS.values(), ids=SWEEPS)
+def test_a_damaged_sweep_is_named(damage: Damage, words: str, tmp_path: Path) -> None:
     write_record(tmp_path, new_record(["seed=1,2"]))
     assert read_record(tmp_path).arguments == ["seed=1,2"]
     damage(tmp_path / "sweep.json")
@@ -269,9 +266,8 @@ CARDS = {
 }
 
 
-@pytest.mark.parametrize("name", CARDS)
-def test_a_damaged_card_of_a_checkpoint_is_named(name: str, tmp_path: Path) -> None:
-    keys, value, words = CARDS[name]
+@pytest.mark.parametrize(("keys", "value", "words"), CARDS.values(), ids=CARDS)
+def test_a_damaged_card_is_named(keys: tuple, value: object, words: str, tmp_path: Path) -> None:
     path = write_constant(tmp_path / "x.ckpt", 0.0)
     contents = torch.load(path, weights_only=True)
     inner = contents["drivezoo"]

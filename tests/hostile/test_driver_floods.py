@@ -78,10 +78,9 @@ def flooded(port: int, frame: bytes, reads: bool = True) -> Iterator[Flood]:
 
 @pytest.mark.parametrize(("kind", "reads"), [*product(FLOODS, [True]), ("telemetry", False)])
 def test_a_simulator_drives_beside_a_flood(driver: Served, kind: str, reads: bool) -> None:
-    flood = flooded(driver.port, FLOODS[kind], reads)
-    with OldClient(driver.port, timeout_s=20) as simulator, flood:
+    with OldClient(driver.port, timeout_s=20) as car, flooded(driver.port, FLOODS[kind], reads):
         for number in range(ANSWERS):
-            simulator.check_steered(speed=f"{number}.0000")
+            car.check_steered(speed=f"{number}.0000")
 
 
 @pytest.mark.parametrize("kind", ["PINGs", "fragments of one byte", "WebSocket PINGs"])

@@ -125,8 +125,7 @@ def test_the_terminal_names_what_needs_the_token(exposed: Served) -> None:
 
 
 def test_on_this_machine_alone_no_token_is_needed(tmp_path: Path) -> None:
-    checkpoint = write_constant(tmp_path / "best.ckpt", 0.1)
-    words = ("zoo.commands.drive", str(checkpoint), "drive.port=0")
+    words = ("zoo.commands.drive", str(write_constant(tmp_path / "best.ckpt", 0.1)), "drive.port=0")
     with served(tmp_path / "drive", *words) as driver:
         assert command(driver, "")[0] == 200
         assert driver.stop() == 0

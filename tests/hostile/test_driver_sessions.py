@@ -154,9 +154,8 @@ FIRST = {
 }
 
 
-@pytest.mark.parametrize("name", FIRST)
-def test_no_first_message_silences_a_session(driver: Served, name: str) -> None:
-    packets, reply = FIRST[name]
+@pytest.mark.parametrize(("packets", "reply"), FIRST.values(), ids=FIRST)
+def test_no_first_message_silences_a_session(driver: Served, packets: list, reply: object) -> None:
     with OldClient(driver.port) as client:
         for packet in packets:
             client.send_frame(2, packet) if isinstance(packet, bytes) else client.send(packet)

@@ -25,6 +25,7 @@ from datamodules.view import View
 from datamodules.view_store import load_views
 from tests.recordings import Written, recording_in_memory, write_recording
 from tests.refusals import refusal
+from tests.slow_members import slow
 from tests.zoo.command_runs import only_line, run, run_here
 from tests.zoo.server.scans import SCANS, many_scans, png_claim
 from tests.zoo.trainings import SMALL
@@ -124,8 +125,7 @@ def jpeg_header(width: int, height: int) -> bytes:
     """Return a JPEG whose header claims a size."""
     _, data = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))
     whole = bytearray(data.tobytes())
-    at = whole.index(b"\xff\xc0")
-    struct.pack_into(">HH", whole, at + 5, height, width)
+    struct.pack_into(">HH", whole, whole.index(b"\xff\xc0") + 5, height, width)
     return bytes(whole)
 
 
@@ -174,9 +174,7 @@ def test_a_progressive_image_within_the_limit_is_decoded(scans: int, tmp_path: P
     assert read_image(path).shape == (320, 320, 3)
 
 
-@pytest.mark.parametrize(
-    "module", ["zoo.commands.check", pytest.param("zoo", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("module", ["zoo.commands.check", *slow("zoo")])
 def test_a_scan_bomb_is_named_with_its_row(module: str, replaced: Written, tmp_path: Path) -> None:
     image = replaced.image(7)
     image.write_bytes(many_scans(10_796))

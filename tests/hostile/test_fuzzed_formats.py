@@ -22,13 +22,7 @@ from datamodules.recording_format import read_recordings
 from tests import foreign_recordings as foreign
 from tests.contracts.test_recordings import COLUMNS, FORMATS
 from tests.datamodules.test_other_kinds import KINDS
-from tests.hostile.mutations import (
-    for_each,
-    mutated_bytes,
-    mutated_csv,
-    mutated_json,
-    mutated_parquet,
-)
+from tests.hostile import mutations
 from tests.hostile.test_fuzzed_recordings import converted
 from tests.recordings import convert_to_recording
 from zoo.base.errors import InputError
@@ -69,7 +63,7 @@ WRITERS |= {
     "parquet": (parquet_table, COLUMNS),
 }
 Strategies = dict[str, Callable[[bytes], st.SearchStrategy[bytes]]]  # by the suffix of a file
-STRATEGIES: Strategies = {".parquet": mutated_parquet}
+STRATEGIES: Strategies = {".parquet": mutations.mutated_parquet}
 
 
 def test_the_writers_are_of_every_format() -> None:
@@ -80,24 +74,22 @@ def mutated(path: Path, strategies: Strategies) -> st.SearchStrategy[bytes]:
     """Return a strategy of damaged contents of a file."""
     data, kind = path.read_bytes(), path.suffix
     if kind in (".csv", ".txt"):
-        return mutated_csv(data) | mutated_bytes(data)
+        return mutations.mutated_csv(data) | mutations.mutated_bytes(data)
     if kind == ".json" and data.lstrip().startswith((b"{", b"[")) and data.count(b"\n}") < 2:
         with suppress(ValueError):
-            return mutated_json(json.loads(data))
+            return mutations.mutated_json(json.loads(data))
     if kind in (".catalog", ".json"):
         first, _, rest = data.rstrip(b"\n").rpartition(b"\n")
-        rows = mutated_json(json.loads(rest)).map(lambda row: first + b"\n" + row)
-        return rows | mutated_bytes(data)
+        rows = mutations.mutated_json(json.loads(rest)).map(lambda row: first + b"\n" + row)
+        return rows | mutations.mutated_bytes(data)
     if kind in strategies:
-        return strategies[kind](data) | mutated_bytes(data)
-    return mutated_bytes(data)
+        return strategies[kind](data) | mutations.mutated_bytes(data)
+    return mutations.mutated_bytes(data)
 
 
 @FEW_AND_MANY
 @pytest.mark.parametrize("name", WRITERS)
-def test_damaged_recordings(
-    name: str, count: int, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_every_format(name: str, count: int, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     check_damaged(*WRITERS[name], STRATEGIES, count, tmp_path, capsys)
 
 
@@ -137,7 +129,7 @@ def check_damaged(
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)  # NumPy's of a number that no integer has
-        for_each(damaged, read, count)
+        mutations.for_each(damaged, read, count)
 
 
 def read_whole(folder: Path, options: dict) -> None:

@@ -60,11 +60,7 @@ def test_damaged_families(tmp_path: Path, count: int) -> None:
     text = find_family("alpine").path.read_text()
     damaged = mutated_json(yaml.safe_load(text)) | mutated_bytes(text.encode())
     path = tmp_path / "mine.yaml"
-
-    def read(file: Path) -> object:
-        return draw_road(find_family(str(file)), 17)
-
-    read_damaged(damaged, read, path, count // 4)
+    read_damaged(damaged, lambda file: draw_road(find_family(str(file)), 17), path, count // 4)
 
 
 def read_ranked(run: Path) -> object:

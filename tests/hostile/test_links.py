@@ -119,8 +119,7 @@ def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
 
 def test_the_leaderboard_refuses_a_link(mine: Path, here: Path, refusal: Refusal) -> None:
     write_run(here / "outputs" / "run", autonomy=1.0)
-    page = here / "outputs" / "leaderboard.html"
-    page.symlink_to(mine)
+    (here / "outputs" / "leaderboard.html").symlink_to(mine)
     line = refusal("zoo.commands.leaderboard", leaderboard.main, ["outputs"])
     assert "outputs/leaderboard.html: exists" in line
     assert mine.read_text() == "mine"

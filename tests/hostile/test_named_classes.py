@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.slow_members import slow_but
 from zoo.runs.allowed_classes import ALLOWED, is_allowed, public_classes
 
 WATCHED = ("open", "os.", "shutil.", "socket.", "subprocess.", "exec", "compile", "marshal.")
@@ -101,7 +102,7 @@ def touched(key: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch) -
     return events + read
 
 
-class ReadingImage(albumentations.ImageOnlyTransform):
+class ReadsImage(albumentations.ImageOnlyTransform):
     def __init__(self, path: str = "") -> None:
         super().__init__()
         self.path = path
@@ -110,39 +111,31 @@ class ReadingImage(albumentations.ImageOnlyTransform):
         return cv2.imread(self.path)
 
 
-class ReadingFile:
+class ReadsFile:
     def __init__(self, path: str) -> None:
         self.text = Path(path).read_bytes()
 
 
-PATTERNS = [
-    # A trainer looks for every accelerator when it is constructed, which takes seconds.
-    pytest.param(
-        pattern, id=".".join(pattern), marks=[pytest.mark.slow] if pattern == ("trainer",) else []
-    )
-    for pattern, allowed in ALLOWED.items()
-    if allowed.package
-]
-
-
-@pytest.mark.parametrize(
-    ("key", "kind"), [("data.augment.*", ReadingImage), ("optim", ReadingFile)]
-)
+@pytest.mark.parametrize(("key", "kind"), [("data.augment.*", ReadsImage), ("optim", ReadsFile)])
 def test_a_class_that_reads_a_file_is_noticed(
     key: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert touched(key, kind, bait, monkeypatch)
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
+KEYS = [".".join(pattern) for pattern, allowed in ALLOWED.items() if allowed.package]
+
+
+# A trainer looks for every accelerator when it is constructed, which takes seconds.
+@pytest.mark.parametrize("key", slow_but({*KEYS} - {"trainer"}, KEYS))
 def test_no_class_touches_a_file_a_process_or_the_network(
-    pattern: tuple[str, ...], bait: Path, monkeypatch: pytest.MonkeyPatch
+    key: str, bait: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = sorted(bait.parent.iterdir())
-    classes = public_classes(ALLOWED[pattern])
+    classes = public_classes(ALLOWED[tuple(key.split("."))])
     assert classes
     for name, kind in classes.items():
-        assert not touched(".".join(pattern), kind, bait, monkeypatch), name
+        assert not touched(key, kind, bait, monkeypatch), name
     assert sorted(bait.parent.iterdir()) == before
 
 

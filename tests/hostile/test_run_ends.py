@@ -91,9 +91,7 @@ SCRIPT = [sys.executable, "-c", MAIN]
 COMMANDS = ["--help", "check", "list tracks", *slow("check --help")]
 
 
-def printing(
-    name: str, recorded: Written, cwd: Path, shell: str, close: bool = False
-) -> tuple[int, str]:
+def printing(name: str, recorded: Written, cwd: Path, shell: str, close: bool) -> tuple[int, str]:
     """Return the exit status of a command and its errors, for a redirection of its output."""
     words = {"check": ["check", str(recorded.folder)]}.get(name, name.split())
     line = ["sh", "-c", f'exec "$@" {shell}', "sh", *SCRIPT, *words]
@@ -108,7 +106,7 @@ def printing(
 @pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_full_disk_is_one_line(name: str, recorded: Written, tmp_path: Path) -> None:
-    status, errors = printing(name, recorded, tmp_path, f">{FULL}")
+    status, errors = printing(name, recorded, tmp_path, f">{FULL}", close=False)
     assert status == 1
     (line,) = errors.splitlines()
     assert "standard output: " in line

@@ -33,9 +33,8 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_an_error_escapes_control_characters_in_one_line(name: str, tmp_path: Path) -> None:
-    module, arguments = REFUSED[name]
+@pytest.mark.parametrize(("module", "arguments"), REFUSED.values(), ids=REFUSED)
+def test_an_error_is_escaped_in_one_line(module: str, arguments: list, tmp_path: Path) -> None:
     assert not control_characters(only_line(run_here(tmp_path, *arguments, module=module)))
     assert not control_characters(run_here(tmp_path, "-v", *arguments, module=module).stderr)
 
