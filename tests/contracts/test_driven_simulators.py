@@ -27,8 +27,7 @@ def kind(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[type[Driven
 
 
 def make_driver(folder: Path) -> Driver:
-    writer = BackgroundWriter(folder, Notices())
-    parts = Constant(0.2), SteeringFilter(), writer, Notices()
+    parts = Constant(0.2), SteeringFilter(), BackgroundWriter(folder, Notices()), Notices()
     return Driver(lambda frame, mph: (0.1, None), *parts)
 
 

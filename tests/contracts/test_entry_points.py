@@ -45,14 +45,11 @@ OURS = [("formats", "table"), ("formats", "lerobot"), ("exports", "c")]
 OURS = [(group, name) for group, name in OURS if name in {*formats(), *export_names()}]
 
 
-@pytest.mark.parametrize(("group", "name"), OURS)  # of the extras that are there
+@pytest.mark.parametrize("ours", OURS)  # of the extras that are there
 def test_a_name_of_ours_is_not_anothers(
-    group: str,
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    ours: tuple, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
+    group, name = ours
     package = f"hidden_{group}_{name}"
     write_package(tmp_path, package, "number = 5", f"[drivezoo.{group}]\n{name} = {package}\n")
     before = USES[group]() if group == "formats" else list(exports(name))

@@ -69,8 +69,7 @@ def test_the_file_steers_as_its_checkpoint(
     for ending in endings:
         assert out.with_suffix(ending).stat().st_size
         assert f"wrote: {out.with_suffix(ending)}" in printed
-    visible = [path for path in tmp_path.iterdir() if not path.name.startswith(".")]
-    assert len(visible) == len(endings)
+    assert len([*tmp_path.glob("[!.]*")]) == len(endings)
     assert ("next: drivezoo drive" in printed) == kind.drives
     with pytest.raises(UsageError, match=r"exists; .*overwrite=true"):
         export(out)

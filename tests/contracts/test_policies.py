@@ -80,8 +80,7 @@ def check_facts(policy: Policy) -> None:
     assert policy.outputs in (1, 2)
     assert policy.parameters >= 0
     assert all(isinstance(member, Policy) for member in policy.members)
-    assert dict(policy.config) == policy.config
-    assert dict(policy.data) == policy.data
+    assert (dict(policy.config), dict(policy.data)) == (policy.config, policy.data)
     ahead = [member for member in policy.members if member.name == "ActionChunk"]
     assert (policy.latency_s is not None) == bool(ahead)
     if policy.latency_s is not None:

@@ -56,8 +56,7 @@ def check_written(
     assert (result.folder, result.rows) == (tmp_path / name, ROWS)
     assert shares
     assert all(0 <= share <= 1 for share in shares)
-    detecting = [other for other, kind in formats().items() if kind.detect(tmp_path / name)]
-    assert detecting == [name]
+    assert [other for other, kind in formats().items() if kind.detect(tmp_path / name)] == [name]
     detected, kind = find_format(tmp_path / name)
     assert (detected, bool(kind.title)) == (name, True)
     recording = kind.read(tmp_path / name, ReadOptions())
@@ -99,8 +98,7 @@ def check_recording(recording: Recording, source: Recording) -> None:
     for column, low in ((recording.throttle, -1), (recording.brake, 0), (recording.speed_mph, 0)):
         assert column.dtype == float
         assert ((column >= low) & np.isfinite(column)).all()
-    assert recording.time_s.shape == (ROWS,)
-    assert recording.images.shape == (ROWS, 3)
+    assert (recording.time_s.shape, recording.images.shape) == ((ROWS,), (ROWS, 3))
     for row in (3, 0, ROWS - 1):  # also backwards
         image = recording.image(row)
         assert (image.shape, image.dtype) == ((160, 320, 3), np.uint8)
@@ -252,8 +250,7 @@ def check_copied_car(name: str, tmp_path: Path) -> None:
 
 
 def test_a_copy_of_an_unknown_cars_recording_is_not_of_udacitys(tmp_path: Path) -> None:
-    original = read_recordings(str(foreign.table(tmp_path / "recording")), **COLUMNS)
-    edited(original, tmp_path / "copy")
+    edited(read_recordings(str(foreign.table(tmp_path / "table")), **COLUMNS), tmp_path / "copy")
     again = read_recordings(str(tmp_path / "copy"))
     assert again.rig is None
     assert other_car(again) == "another_car"
