@@ -106,7 +106,7 @@ class DataSettings(BatchOptions):
         for key in keys_of(DataSettings):
             if key.name not in READ_LATER:
                 value = convert(f"data.{key.name}", key.kind, getattr(self, key.name))
-                if isinstance(value, str | int):  # of a number or a list; 1e3 of a whole number
+                if not isinstance(value, float):  # such as a text of a number, 1000 of 1e3
                     object.__setattr__(self, key.name, value)
         camera_numbers(self.cameras)
         object.__setattr__(self, "view", View(self.crop, self.colour, self.size, self.resize))

@@ -165,9 +165,11 @@ def camera_numbers(cameras: Sequence[str]) -> list[int]:
     Raises:
         InputError: a camera is unknown or named twice, or there is none.
     """
-    if not cameras or sorted({*cameras} & {*CAMERAS}) != sorted(cameras):
+    named = cameras if isinstance(cameras, list | tuple) else ()
+    numbers = [number for number, name in enumerate(CAMERAS) if name in named]
+    if not numbers or len(numbers) != len(named):
         raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}, each once")
-    return sorted(CAMERAS.index(name) for name in cameras)
+    return numbers
 
 
 def _side_cameras(

@@ -63,9 +63,9 @@ class View:
             raise InputError(
                 f"data.crop={list(self.crop)} leaves nothing of {FRAME[0]} rows; crop less"
             )
-        if self.colour not in CONVERSIONS:
+        if self.colour not in list(CONVERSIONS):
             raise InputError(f"model.colour={self.colour} is not one of {', '.join(CONVERSIONS)}")
-        if self.resize not in RESIZES:
+        if self.resize not in list(RESIZES):
             raise InputError(f"model.resize={self.resize} is not one of {', '.join(RESIZES)}")
         if self.size is not None:
             object.__setattr__(self, "size", _pair("model.size", self.size, least=1))
@@ -144,9 +144,7 @@ def view_to_rgb(image: np.ndarray, colour: str) -> np.ndarray:
     """Return a view's image, uint8 [H, W, C], as RGB [H, W, 3] to show."""
     if colour in CODES:
         return cv2.cvtColor(image, CODES[colour][1])
-    if image.shape[2] == 1:
-        return np.repeat(image, 3, axis=2)
-    return image
+    return np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
 
 
 def _pair(key: str, pair: Any, least: int) -> tuple[int, ...]:

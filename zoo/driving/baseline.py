@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -85,13 +85,9 @@ def by_hand(frame_s: float) -> Callable[[np.ndarray, float], tuple[float, None]]
     return drive
 
 
-def _say(line: str) -> None:
-    print(line, flush=True)
-
-
 @lru_cache(maxsize=1)
 def _seat() -> "Seat":
     """Return one seat for all drives, whose page is served until the process ends."""
     from zoo.simulator.hand_page import served_seat
 
-    return _OPEN.enter_context(served_seat(_say, purpose=" and drive"))
+    return _OPEN.enter_context(served_seat(partial(print, flush=True), purpose=" and drive"))

@@ -23,9 +23,7 @@ Show = Callable[[np.ndarray | None, DriveRow], bool | None]
 
 def speed_controller(scenario: Scenario) -> SpeedController:
     """Return the controller of a scored drive: the Udacity course's, or the network's throttle."""
-    if scenario.throttle == "network":
-        return Network()
-    return PI(scenario.speed, kp=0.1, ki=0.002)
+    return Network() if scenario.throttle == "network" else PI(scenario.speed, kp=0.1, ki=0.002)
 
 
 def drivable(command: Command) -> Command:

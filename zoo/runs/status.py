@@ -136,9 +136,7 @@ def read_status_file(folder: Path) -> dict:
         InputError: the file cannot be read.
     """
     path = folder / NAME
-    if not path.exists():
-        return {}
-    return plain(check_fields(Status, read_json(path), path))
+    return plain(check_fields(Status, read_json(path), path)) if path.exists() else {}
 
 
 def read_status(folder: Path) -> dict:

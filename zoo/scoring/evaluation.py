@@ -88,9 +88,7 @@ class Evaluation(Result):
 
     def plot(self) -> Figure:
         """Return a figure of the drives on each track, or of the perturbations' values."""
-        if self.swept:
-            return curves(self.swept, self.usual)
-        return figures_by_track(self.drives)
+        return curves(self.swept, self.usual) if self.swept else figures_by_track(self.drives)
 
 
 def score_driver(

@@ -169,9 +169,7 @@ class Track:
 
     def wrap(self, distance: float) -> float:
         """Return a distance within the road: wrapped on a closed loop, else clamped."""
-        if self.closed:
-            return distance % self.length
-        return min(max(distance, 0.0), self.length)
+        return distance % self.length if self.closed else min(max(distance, 0.0), self.length)
 
     def begin(self, direction: int) -> float:
         """Return the distance at which a drive in a direction, 1 or -1, begins."""

@@ -178,8 +178,8 @@ def build_module(
     offered = {
         "network": network,
         "loss": loss,
-        "optimizer": construct("optim", optim),
-        "schedule": construct("schedule", config.schedule),
+        "optimizer": construct("optim", optim, _partial_=True),
+        "schedule": construct("schedule", config.schedule, _partial_=True),
         "l2": l2,
         "backbone_lr": slow and slow * scale,
         "seed": config.seed,
@@ -247,7 +247,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
             callback.dirpath = str(folder / "checkpoints")
             if callback.filename == "best" and callback.monitor is None:
                 callback.mode = "max"  # has no effect: Lightning tells its state from that of last
-        monitor = getattr(callback, "monitor", None) or ""
+        monitor = str(getattr(callback, "monitor", None) or "")
         what = f"{type(callback).__name__} monitors {monitor}"
         if monitor.startswith("val/") and no_rows:
             raise InputError(
@@ -329,7 +329,7 @@ def construct(key: str, settings: dict | DictConfig, **more: object) -> Any:
         with part_errors(part):
             made = instantiate(settings, **more, **partial, _convert_="all")
             return made(**late) if late else made
-    except InstantiationException as error:
+    except (InstantiationException, TypeError) as error:  # TypeError: of a key such as _partial_
         cause: BaseException = error
         while isinstance(cause, InstantiationException) and cause.__cause__:
             cause = cause.__cause__

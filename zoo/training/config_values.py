@@ -55,7 +55,7 @@ PLAIN = {NoneType, bool, int, float, str, list, tuple, dict, Sequence, Mapping}
 
 
 def check_config(config: DictConfig) -> None:
-    """Check the values of a config whose recording may not exist yet.
+    """Check the values of a config whose recording may not exist yet; write 1000 for 1e3.
 
     Raises:
         InputError: a part cannot be imported.
@@ -73,7 +73,8 @@ def check_config(config: DictConfig) -> None:
     for key, kind in bounded.items():
         section, _, name = key.rpartition(".")
         if name in (values := OmegaConf.select(config, section) or {}):
-            convert(key, kind, values[name])
+            value = convert(key, kind, values[name])
+            values[name] = value if isinstance(value, int) else values[name]  # of 1e3
     for key, settings in _parts(plain):
         function = construct(key, {TARGET: settings.get(TARGET)}, _partial_=True).func
         if key == "module":

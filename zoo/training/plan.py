@@ -150,11 +150,10 @@ def _takes_groups(callback: lightning.Callback) -> bool:
     """
     if type(callback) is LearningRateMonitor:
         return callback.logging_interval == "epoch"
-    if type(callback) is ModelCheckpoint:
-        return True  # by its keys, see `_saves_by_epoch`
     says_so = getattr(callback, "takes_groups", False) is True
     is_ours = type(callback).__module__.startswith("zoo.")
-    return says_so or is_ours or type(callback) is EarlyStopping
+    # Of a ModelCheckpoint by its keys, see `_saves_by_epoch`.
+    return says_so or is_ours or type(callback) in (EarlyStopping, ModelCheckpoint)
 
 
 def _saves_by_epoch(config: DictConfig) -> bool:

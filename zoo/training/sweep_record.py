@@ -265,9 +265,7 @@ def _is_allowed(override: Override, key: str) -> bool:
         return override.is_delete() or set(_chosen(override)) <= {*groups[key], "None"}
     if "/" in key or "@" in key or key == "hydra":
         return False
-    if key.startswith("hydra."):
-        return key in HYDRA_KEYS
-    return not key.startswith(PRUNING)
+    return key in HYDRA_KEYS if key.startswith("hydra.") else not key.startswith(PRUNING)
 
 
 def _chosen(override: Override) -> Iterator[str]:

@@ -29,6 +29,15 @@ NOISE = {"_target_": "albumentations.GaussNoise", "std_range": [2, 3]}
     [
         ("quick", "maybe", "quick=maybe"),
         ("data.crop", 40, "data.crop=40"),
+        ("data.cameras", -1, "data.cameras=-1 is not a list of center, left, right"),
+        (
+            "data.cameras",
+            [["left"]],
+            "data.cameras=[['left']] is not a list of center, left, right",
+        ),
+        ("data.cameras", ["left", "left"], "is not a list of center, left, right, each once"),
+        ("model.colour", ["grey"], "model.colour=['grey'] is not one of rgb, "),
+        ("model.resize", {"area": 1}, "model.resize={'area': 1} is not one of area, "),
         ("seed", "one", "seed=one: must be a whole number"),
         ("seed", -1, "seed=-1: must be a whole number"),
         ("seed", 20260131140509, "seed=20260131140509: must be a whole number in 0..1e+12"),
@@ -94,6 +103,13 @@ def test_a_wrong_value_or_key_is_named(key: str, value: object, words: str) -> N
     config = OmegaConf.create(composed("data.root=laps"))
     OmegaConf.update(config, key, value, force_add=True)
     assert words in refusal(check, OmegaConf.to_container(config))
+
+
+def test_a_whole_number_may_be_typed_as_1e1() -> None:
+    config = OmegaConf.create(composed("data.root=laps"))
+    config.trainer.max_epochs = 1e1
+    check_config(config)
+    assert repr(config.trainer.max_epochs) == "10", "Lightning takes no float"
 
 
 @pytest.mark.parametrize("key", ["seed=one", "+optim.foo=1", "callbacks.best.save_top_k=2"])
