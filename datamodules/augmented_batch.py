@@ -11,6 +11,7 @@ from torch import Tensor
 from datamodules.augment import Change
 from datamodules.device_augment import from_rgb, to_rgb
 from datamodules.view import CODES
+from zoo.base.errors import InputError
 from zoo.base.rig import STEERING, SteeringLabel
 
 if TYPE_CHECKING:
@@ -99,7 +100,11 @@ class Augment:
             for window, window_seed in zip(images, seeds.tolist(), strict=True):
                 for image in window:
                     transform.set_random_seed(window_seed)  # the same draws for the whole window
-                    image[:] = compose(image=image)["image"].reshape(image.shape)
+                    changed = np.asarray(compose(image=image)["image"])
+                    if (*changed.shape, 1)[:3] != image.shape or changed.dtype != image.dtype:
+                        name, shape = type(transform).__name__, [*image.shape]
+                        raise InputError(f"augment: {name} must return uint8 {shape}; correct it")
+                    image[:] = changed.reshape(image.shape)
         if from_rgb_code is not None:
             _convert(images, from_rgb_code)
 

@@ -175,6 +175,13 @@ def test_a_batch_without_a_changed_sample_stays(images, transforms, colour):
     assert not steering.any()
 
 
+@pytest.mark.parametrize("transform", [albumentations.Normalize(), albumentations.Transpose(p=1)])
+def test_an_image_of_another_type_or_shape_is_refused(images, transform):
+    name = type(transform).__name__
+    with pytest.raises(InputError, match=rf"^augment: {name} must return uint8 \[\d+, \d+, 3\]"):
+        Augment([transform], "rgb")(images, zeros(images), seed=1)
+
+
 @pytest.mark.parametrize("colour", CONVERSIONS)
 @pytest.mark.parametrize("path", CONF, ids=lambda path: path.stem)
 def test_every_yaml_runs_on_every_colour(path, colour, recorded):

@@ -234,11 +234,16 @@ def part_failure(error: BaseException) -> InputError | None:
 
 
 def _lines_in(part: Part, error: BaseException) -> list[int | None]:
-    """Return the lines of a part's file through which an error passed."""
-    loaded = getattr(sys.modules.get(part.module), "__file__", None)
-    file = str(part.file or loaded or part.name)
+    """Return the lines of a part's file through which an error passed, or that it is about."""
+    module = sys.modules.get(part.module)
+    file = str(part.file or getattr(module, "__file__", None) or part.name)
     frames = traceback.extract_tb(error.__traceback__)
-    return [frame.lineno for frame in frames if frame.filename == file]
+    lines: list[int | None] = [frame.lineno for frame in frames if frame.filename == file]
+    # A method or an argument is missing: `MyLoss.forward() takes 2`, `'MyLoss' object has no`.
+    kind = getattr(module, re.split(r"\W", str(error).lstrip("'"))[0], None)
+    if not lines and inspect.isclass(kind) and kind.__module__ == part.module:
+        lines.append(inspect.getsourcelines(kind)[1])
+    return lines
 
 
 def _in_one_line(error: BaseException, part: Part, lines: list[int | None]) -> InputError:

@@ -101,8 +101,11 @@ class SteeringModule(RunModule):
             if targets.ndim != 2 or targets.shape[1] > rows.shape[1]:  # they would be broadcast
                 raise InputError(f"targets_of: {[*targets.shape]} for outputs of {[*rows.shape]}")
             value = loss(rows, targets)
-            if not isinstance(value, Tensor) or value.numel() != 1:
-                raise InputError(f"loss: {type(loss).__name__} must return one number, as a mean")
+            is_mean = isinstance(value, Tensor) and value.numel() == 1
+            if not is_mean or value.requires_grad != torch.is_grad_enabled():
+                raise InputError(
+                    f"loss: {type(loss).__name__} must return a mean with its gradient"
+                )
             return value
 
         return batch_loss
@@ -262,8 +265,9 @@ class SteeringModule(RunModule):
     def configure_optimizers(self) -> "OptimizerLRScheduler":
         """Return the optimizer and its scheduler, as Lightning expects them."""
         optimizer = self.make_optimizer(self.parameter_groups())
-        if not isinstance(optimizer, torch.optim.Optimizer):
-            raise InputError(f"make_optimizer: {optimizer!r:.80} is no optimizer of torch.optim")
+        name = type(optimizer).__name__  # LBFGS computes the loss within a step
+        if not isinstance(optimizer, torch.optim.Optimizer) or name == "LBFGS":
+            raise InputError(f"optim: {name} is LBFGS, or no optimizer of torch.optim; set another")
         if (schedule := self.make_schedule(optimizer)) is None:
             return {"optimizer": optimizer}
         return {"optimizer": optimizer, "lr_scheduler": schedule}

@@ -231,15 +231,21 @@ def test_a_yaml_file_that_is_added_later_is_a_choice(part: Path) -> None:
 
 
 @pytest.mark.usefixtures("part")
-def test_an_error_of_a_part_in_a_command_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("call", "fault"),
+    [
+        (lambda network: network(None), "line 17: TypeError: "),
+        (lambda network: network(), "line 6: TypeError: MyNet.forward() missing"),
+        (lambda network: network.newest, "line 6: AttributeError: 'MyNet' object has no"),
+    ],
+)
+def test_an_error_of_a_part_in_a_command_is_one_line(
+    call: Callable, fault: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     network = make_network({"_target_": "my_net.MyNet"}, VIEW)
-
-    def command(_: list[str]) -> None:
-        network(None)
-
-    assert run_command("zoo", command, []) == 1
+    assert run_command("zoo", lambda _: call(network), []) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert "my_net.py: line 17: TypeError: " in line
+    assert f"my_net.py: {fault}" in line
 
 
 def test_a_commands_own_exit_status_stays() -> None:

@@ -166,14 +166,15 @@ def test_targets_that_a_loss_would_broadcast_are_refused(columns: Callable) -> N
         module._loss(batch_of(network))
 
 
-@pytest.mark.parametrize("value", [None, 0.5, torch.ones(2)])
+@pytest.mark.parametrize("value", [None, 0.5, torch.ones(2), torch.tensor(0.5)])
 def test_a_loss_or_an_optimizer_of_the_user_that_is_none_is_named(value: object) -> None:
     network = network_of(NAMES[0])
     loss = type("Mine", (nn.Module,), {"forward": lambda *_: value})()
-    module = SteeringModule(network, loss, optimizer=lambda _: value)
-    with pytest.raises(InputError, match=r"^loss: Mine must return one number"):
+    optimizer = torch.optim.LBFGS if value is None else lambda _: value
+    module = SteeringModule(network, loss, optimizer=optimizer)
+    with pytest.raises(InputError, match=r"^loss: Mine must return a mean with"):
         module._loss(batch_of(network))
-    with pytest.raises(InputError, match=r"^make_optimizer: .* is no optimizer"):
+    with pytest.raises(InputError, match=r"^optim: \w+ is LBFGS, or no optimizer of"):
         module.configure_optimizers()
 
 
