@@ -296,7 +296,7 @@ def keep_earlier_log(trainer: lightning.Trainer, folder: Path, steps: int) -> No
     kept = log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
     with kept.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if None not in (*row, *row.values())]
-    writer = trainer.loggers[0].experiment
+    writer = trainer.loggers[0].experiment  # type: ignore[attr-defined]
     writer.metrics = [row for row in rows if row["step"].isdecimal() and int(row["step"]) < steps]
     writer.save()
     kept.unlink()  # only now: a run that is killed before loses no row
