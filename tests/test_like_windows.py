@@ -96,9 +96,8 @@ def test_record_train_evaluate_and_drive(windows: Windows) -> None:
     write_as_on_windows(windows.place / "lake" / LOG_NAME)
     short = "trainer.max_epochs=1 score.laps=0.02 hydra.run.dir=run"
     windows.command("zoo", f"model=tiny data.root=lake data.workers=2 {short}")
-    windows.command(
-        "zoo.commands.evaluate", "run seeds=2 workers=2 laps=0.02 quality=simple out=score"
-    )
+    score = "run seeds=2 workers=2 laps=0.02 quality=simple out=score"
+    windows.command("zoo.commands.evaluate", score)
     windows.command("zoo.commands.drive", "run sim=lake laps=0.02 port=0 record=driven")
     written = {path.name for path in windows.place.rglob("*")}
     assert {"best.ckpt", "metrics.json", "drive.csv"} <= written

@@ -73,9 +73,7 @@ def commands_of(page: Path) -> Iterator[Command]:
             yield Command(name, tuple(shlex.split(span[1].replace("\\|", "|"))))
 
 
-COMMANDS = sorted(
-    {command for page in PAGES for command in commands_of(page) if command.words}, key=str
-)
+COMMANDS = sorted({typed for page in PAGES for typed in commands_of(page) if typed.words}, key=str)
 RUN = [command for command in COMMANDS if command.runs]
 
 
@@ -100,8 +98,7 @@ def fault_of(words: list[str]) -> str | None:
 
 
 def fault_of_module(module: str, arguments: list[str]) -> str | None:
-    room = module.partition(".")[0]
-    if room not in OWN or not module.islower():  # pip, pytest; zoo.COMMAND
+    if module.partition(".")[0] not in OWN or not module.islower():  # pip, pytest; zoo.COMMAND
         return None
     path = ROOT.joinpath(*module.split("."))
     if not (path.with_suffix(".py").is_file() or (path / "__main__.py").is_file()):
@@ -313,15 +310,12 @@ def test_every_page_is_in_a_table_of_contents() -> None:
 
 
 def test_no_page_has_the_name_of_a_page_that_sphinx_writes() -> None:
-    names = {path.stem for path in DOCS.glob("*.md")}
-    assert names.isdisjoint({"search", "genindex", "py-modindex"})
+    assert not {path.stem for path in DOCS.glob("*.md")} & {"search", "genindex", "py-modindex"}
 
 
 def sidebar(site: Path) -> dict[str, str]:
     """Return the page of each entry in the sidebar, by its address."""
-    tree = re.search(
-        r'<div class="sidebar-tree">(.*?)\n</div>', (site / "index.html").read_text(), re.S
-    )
+    tree = re.search(r'"sidebar-tree">(.*?)\n</div>', (site / "index.html").read_text(), re.S)
     assert tree
     links = re.findall(r'<a class="reference internal" href="([^"#]+)">(.*?)</a>', tree[1])
     return {address: re.sub("<.*?>", "", text) for address, text in links}

@@ -48,18 +48,14 @@ def test_the_index_has_the_commands_figures(
     networks: dict[str, NetworkFacts], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(PAGES.parents[1])
-    table = between(
-        (PAGES / "index.md").read_text(), "<!-- networks -->", "<!-- end of networks -->"
-    )
+    index = (PAGES / "index.md").read_text()
+    table = between(index, "<!-- networks -->", "<!-- end of networks -->")
     wanted = networks_table(list(networks.values()), DOCUMENTED)
     assert table == wanted, f"the table of docs/models/index.md should be:\n{wanted}"
-    printed = {
-        row[0]: row[1:] for row in zip(*(c.cells for c in zoo_table()[0].columns), strict=True)
-    }
+    cells = {key: row for key, *row in zip(*(c.cells for c in zoo_table()[0].columns), strict=True)}
     for name in networks:
-        figures = printed[name]
         (line,) = [line for line in table.splitlines() if line.startswith(f"| [`{name}`]")]
-        assert line.endswith(f"| {' | '.join(figures)} |")
+        assert line.endswith(f"| {' | '.join(cells[name])} |")
 
 
 @pytest.mark.parametrize("page", sorted(PAGES.glob("[!i]*.md")), ids=lambda page: page.name)

@@ -19,9 +19,7 @@ OVERRIDDEN = {
         *("Message", "UTF8Decoder", "_apply_mask", "_iter_frames", "_recv_frame"),
         *("_send_closing_frame", "wait", "send", "close"),
     ),
-    "eventlet.websocket:WebSocketWSGI": (
-        *("_handle_hybi_request", "_negotiate_permessage_deflate"),
-    ),
+    "eventlet.websocket:WebSocketWSGI": ("_handle_hybi_request", "_negotiate_permessage_deflate"),
     "engineio.socket:Socket": ("_send_ping", "_websocket_handler", "close"),
     "engineio:Server": ("start_background_task",),
     "socketio:Server": (

@@ -9,22 +9,20 @@ import psutil
 import pytest
 
 from benchmarks.measuring import Row, ratios
-from tests.zoo.command_runs import ROOT, command, environment, run
+from tests.slow_members import slow
+from tests.zoo.command_runs import ROOT, command, environment, run, succeed
 
 
 def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     return run(cwd, *arguments, module=str(ROOT / "benchmarks" / "bench.py"), timeout=240)
 
 
-@pytest.mark.parametrize(
-    ("parts", "rows"), [("feed", 1), pytest.param("feed,cache,tiny", 3, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("parts", "rows"), [("feed", 1), *slow(("feed,cache,tiny", 3))])
 def test_the_short_version_measures_what_it_says(parts: str, rows: int, tmp_path: Path) -> None:
     page = tmp_path / "docs" / "performance.md"
     page.parent.mkdir()
     page.write_text("before\n<!-- bench -->\nold\n<!-- end of bench -->\nafter\n")
-    result = bench(tmp_path, "short", "docs", f"ONLY={parts}")
-    assert result.returncode == 0, result.stdout + result.stderr
+    printed = succeed(bench(tmp_path, "short", "docs", f"ONLY={parts}"))
     content = json.loads((tmp_path / "outputs" / "bench.json").read_text())
     assert content["short"] is True
     text = page.read_text()
@@ -37,7 +35,7 @@ def test_the_short_version_measures_what_it_says(parts: str, rows: int, tmp_path
     for row in content["rows"]:
         value = row["ratio"][len(row["ratio"]) // 2]
         assert value > 0
-        assert row["what"] in result.stdout.replace("\n", " ") or len(row["what"]) > 40
+        assert row["what"] in printed.replace("\n", " ") or len(row["what"]) > 40
         assert row["figures"]
         if row["aim"] is None:
             assert row["met"] == ""
@@ -49,9 +47,7 @@ def test_the_short_version_measures_what_it_says(parts: str, rows: int, tmp_path
 def test_a_row_whose_aim_lies_in_the_spread_is_not_judged() -> None:
     steady = ratios([2.0, 4.2, 9.0], [1.0, 2.0, 4.5])
     assert steady == [2.0, 2.0, pytest.approx(2.05)]
-    assert Row("a", "b", steady, 1.5).met == "yes"
-    assert Row("a", "b", steady, 2.5).met == "no"
-    assert Row("a", "b", steady).met == ""
+    assert [Row("a", "b", steady, aim).met for aim in (1.5, 2.5, None)] == ["yes", "no", ""]
     assert Row("a", "b", [1.0, 1.5, 3.0], 1.4).met == "noisy"
 
 

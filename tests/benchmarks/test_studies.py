@@ -84,10 +84,9 @@ def test_pages_name_the_commit_of_a_study_that_is_gone() -> None:
             for words in re.findall(r"benchmarks/study\.py ([^`\n]*)", text):
                 if "commit" in before + text:
                     continue
-                name, *arguments = words.split()
-                typed = [word for word in arguments if not word.startswith("add=")]
+                name, *given = words.split()
                 try:
-                    Study(name, typed).chosen()
+                    Study(name, [word for word in given if not word.startswith("add=")]).chosen()
                 except InputError as error:
                     gone.append(f"{page.name}: {words}: {error}")
     assert not gone
@@ -253,8 +252,7 @@ def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
     assert "'autonomy': 0.9" in capsys.readouterr().out
     assert (table.exists(), committed.exists()) == (False, False), "figures of short trainings"
     study.main(words)
-    assert len(asked) == 4 + 4 + 1
-    assert len(read_csv(table)) == 4
+    assert (len(asked), len(read_csv(table))) == (4 + 4 + 1, 4)
     assert committed.read_text() == "{}"
 
 
@@ -302,9 +300,8 @@ def test_a_command_ends_with_a_study_that_is_killed(tmp_path: Path) -> None:
 def test_rows_are_kept_as_text_and_newer_ones_replace_older(tmp_path: Path) -> None:
     path = tmp_path / "docs" / "claims.csv"
     write_csv(path, [CLAIM, CLEAN])
-    key = Study("claims", []).config["key"]
     newer = CLAIM | {"seed": 1, "frame_rate": 15.0, "autonomy": 0.7}
-    merged = merge(read_csv(path), [newer, CLAIM | {"seed": 3}], key)
+    merged = merge(read_csv(path), [newer, CLAIM | {"seed": 3}], Study("claims", []).config["key"])
     autonomy = {str(row["seed"]): row["autonomy"] for row in merged}
     assert [*autonomy.items()] == [("1", 0.7), ("2", "1.0"), ("3", "0.9")]
 
@@ -324,15 +321,13 @@ def write_entry(folder: Path, clean: float = 0.9, seeds: int = 3, **changes: obj
 
 def add_entry(folder: Path) -> None:
     command = (folder / board_rows.COMMAND).read_text().strip()
-    checkpoints = sorted(folder.glob("*.ckpt"))
-    study_grid.write_files(board_rows.kept_result(folder, command, checkpoints))
+    study_grid.write_files(board_rows.kept_result(folder, command, sorted(folder.glob("*.ckpt"))))
 
 
 def test_an_entry_stands_in_all_files_of_the_board(pages: Path) -> None:
     add_entry(write_entry(pages / "mine"))
     study.main(["board", "runs=false"])
-    page = Path("docs/benchmark.md").read_text()
-    assert re.search(r"\| 1 \| `mine` \| 3 \| \d+ of 288 \(", page)
+    assert re.search(r"\| 1 \| `mine` \| 3 \| \d+ of 288 \(", Path("docs/benchmark.md").read_text())
     row = read_csv(Path("docs/benchmark.csv"))[0]
     assert row["group"] == "all but laps"
     assert row["command"] == "drivezoo train experiment=lenet data=bench_v1"
@@ -358,8 +353,7 @@ def test_entries_that_no_training_or_an_expert_made_have_no_rank(pages: Path) ->
     expert["checkpoints"][0]["sha256"] = None
     write(pages / "known", expert)
     study_grid.write_files(board_rows.kept_result(pages / "known", "", []))
-    rows = board_rows.rows_of_board()
-    assert {row["entry"]: (row["kind"], row["rank"]) for row in rows} == {
+    assert {row["entry"]: (row["kind"], row["rank"]) for row in board_rows.rows_of_board()} == {
         "ranked": ("ranked", "1"),
         "corrected": ("interactive", ""),
         "alone": ("one training seed", ""),
@@ -381,8 +375,7 @@ def test_a_kept_result_has_every_drive_and_its_digest_but_no_folder(pages: Path)
     (folder / "result.json").write_text(json.dumps(content))
     add_entry(folder)
     stored, given = (read_result(path) for path in (board_rows.BOARD / "mine", folder))
-    assert stored.digest == given.digest
-    assert stored.groups == given.groups
+    assert (stored.digest, stored.groups) == (given.digest, given.groups)
     assert len(stored.drives) == 3 * len(LEVELS)
     assert [driver.file for driver in stored.checkpoints] == ["0.ckpt", "1.ckpt", "2.ckpt"]
 
@@ -444,8 +437,7 @@ def test_a_candidate_of_the_first_try_is_trained_and_driven(
     axes = {key: [value] for key, value in (drive | {"laps": 0.01}).items()}
     opened.config["drives"] = [{"axes": axes}]
     (entry,) = opened.chosen()
-    split = ("data.block_s=0.5", "data.gap_s=0.1")
-    words = (*small, *split, f"data.root={recorded.folder}")
+    words = (*small, "data.block_s=0.5", "data.gap_s=0.1", f"data.root={recorded.folder}")
     monkeypatch.setattr(Study, "chosen", lambda _: [Entry(**vars(entry) | {"words": words})])
     monkeypatch.setitem(study_data.PREPARE, "student_laps", lambda _: {})
     study.make_runs(opened)

@@ -247,13 +247,10 @@ def drag(browser: Browser, selector: str, first: float, last: float) -> None:
         f"(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect();"
         "return [b.x, b.y, b.width, b.height]; })()"
     )
-    y = box[1] + box[3] / 2
+    mouse = {"y": box[1] + box[3] / 2, "button": "left", "buttons": 1, "clickCount": 1}
     steps = [("mousePressed", first), ("mouseMoved", (first + last) / 2)]
     for kind, share in [*steps, ("mouseMoved", last), ("mouseReleased", last)]:
-        x = box[0] + box[2] * share
-        browser.call(
-            "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1
-        )
+        browser.call("Input.dispatchMouseEvent", type=kind, x=box[0] + box[2] * share, **mouse)
 
 
 @needs_chromium

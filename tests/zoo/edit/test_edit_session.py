@@ -84,9 +84,7 @@ def test_a_video_that_is_damaged_within_does_not_end_the_analysis(recorded: Writ
         raise InputError(f"{file}: damaged")
 
     recording = read_recordings(str(recorded.folder))
-    recording.images[5:, 0] = [
-        StoredImage("v.mp4", row, reader) for row in range(5, len(recording))
-    ]
+    recording.images[5:, 0] = [StoredImage("v.mp4", at, reader) for at in range(5, len(recording))]
     analysis = FrameAnalysis(recording)
     analysis._analyse()
     assert analysis.done == len(recording)
@@ -105,9 +103,8 @@ def test_every_row_is_analysed_in_order_by_a_policy_with_memory(recorded: Writte
 
 
 def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> None:
-    options = ("drop=11-20,101-", "split=51", "out=new", "page=false")
-    folder = str(recorded.folder)
-    printed = succeed(run_here(tmp_path, folder, *options, module="zoo.commands.edit"))
+    words = (str(recorded.folder), "drop=11-20,101-", "split=51", "out=new", "page=false")
+    printed = succeed(run_here(tmp_path, *words, module="zoo.commands.edit"))
     for name in ("1", "2"):
         assert f"wrote: new/{name}\n" in printed
     assert "next: drivezoo check new/1 new/2\n" in printed

@@ -52,8 +52,7 @@ def published(state: dict[str, Tensor], images: Tensor) -> Tensor:
 @needs_weights
 def test_features_are_those_of_the_public_weights(images: Tensor) -> None:
     network = EfficientNetLite0(SHAPE, trainable_blocks=0)
-    loaded = load_weights(network, "imagenet")
-    assert loaded.startswith("EfficientNet-Lite0's convolutions from")
+    assert load_weights(network, "imagenet").startswith("EfficientNet-Lite0's convolutions from")
     state = load_plain(imagenet_file(network.imagenet_source))
     with torch.inference_mode():
         wanted = published(state, images)
@@ -82,9 +81,7 @@ def test_the_network_is_its_front_and_its_rest(trainable: int, images: Tensor) -
 
 
 @pytest.mark.parametrize("trainable", [0, 2, BLOCKS])
-def test_training_computes_frozen_blocks_in_pieces(
-    trainable: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frozen_blocks_are_run_in_pieces(trainable: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(layers, "PIECE", 3 * math.prod(SHAPE))
     network, seen = EfficientNetLite0(SHAPE, trainable), []
     images = torch.randint(0, 256, (5, *SHAPE), dtype=torch.uint8)

@@ -33,8 +33,7 @@ def test_values_are_dropped_independently() -> None:
     """Neighbours in memory share a random word, but are dropped independently."""
     dropped = (Dropout(0.3).train()(torch.ones(4, 100_000)) == 0).float().flatten()
     for apart in (1, 2, 3, 4, 5):
-        both = (dropped[:-apart] * dropped[apart:]).mean().item()
-        assert both == pytest.approx(0.09, abs=0.004)
+        assert (dropped[:-apart] * dropped[apart:]).mean().item() == pytest.approx(0.09, abs=0.004)
 
 
 def test_calls_are_drawn_independently() -> None:

@@ -51,8 +51,7 @@ def test_pilotnet_has_the_published_layers() -> None:
     network(torch.zeros(1, 3, 66, 200))
     assert maps == [(31, 98), (14, 47), (5, 22), (3, 20), (1, 18)]
     rates = [m.p for m in network.modules() if isinstance(m, torch.nn.Dropout)]
-    assert rates[0] == pytest.approx(0.1)
-    assert rates[-1] == pytest.approx(0.5)
+    assert (rates[0], rates[-1]) == pytest.approx((0.1, 0.5))
 
 
 @pytest.mark.parametrize("name", ["nvidia", "lenet", "commaai", "tiny", "tiny63"])
@@ -60,9 +59,8 @@ def test_settings_reach_the_network(name: str) -> None:
     plain, _ = build(name)
     wide, _ = build(name, "model.width=2", "model.activation=elu")
     assert any(isinstance(m, torch.nn.ELU) for m in wide.modules())
-    assert sum(p.numel() for p in wide.parameters()) > 1.5 * sum(
-        p.numel() for p in plain.parameters()
-    )
+    usual, more = (sum(p.numel() for p in each.parameters()) for each in (plain, wide))
+    assert more > 1.5 * usual
 
 
 @pytest.mark.parametrize(
@@ -113,15 +111,12 @@ def test_speed_changes_what_nvidia_speed_predicts() -> None:
 
 
 @pytest.mark.parametrize("trainable", range(6))
-def test_vgg_freezes_all_but_the_last_blocks(
-    trainable: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_vgg_freezes_all_but_last_blocks(trainable: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.nn.Conv2d, "reset_parameters", lambda _: None)  # takes a while
     network = Vgg16((3, 32, 32), trainable)
     convolutions = [m for m in network.features if isinstance(m, torch.nn.Conv2d)]
-    learns = [m.weight.requires_grad for m in convolutions]
     last = sum([2, 2, 3, 3, 3][5 - trainable :])
-    assert learns == [False] * (13 - last) + [True] * last
+    assert [m.weight.requires_grad for m in convolutions] == [False] * (13 - last) + [True] * last
     assert all(p.requires_grad for p in network.head.parameters())
 
 
