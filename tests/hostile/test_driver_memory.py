@@ -106,8 +106,7 @@ def test_large_messages_do_not_fill_the_memory(fresh: Served, name: str) -> None
     with OldClient(fresh.port, timeout_s=10) as steady:
         steady.check_steered()
         # Each attack would take over 150 MB of a driver without its limits.
-        requests = 90 if name.startswith("half") else 60
-        assert grown(fresh, name, requests) < MOST_GROWTH_MB
+        assert grown(fresh, name, 90 if name.startswith("half") else 60) < MOST_GROWTH_MB
         steady.check_steered()
     check_drives(fresh.port)
 

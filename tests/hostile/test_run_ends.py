@@ -116,8 +116,7 @@ def test_a_full_disk_is_one_line(name: str, recorded: Written, tmp_path: Path) -
 @pytest.mark.slow
 def test_a_training_whose_reader_ends_early_is_whole(recorded: Written, tmp_path: Path) -> None:
     words = [*SCRIPT, "train", *arguments(str(recorded.folder))]
-    line = ["sh", "-c", '"$@" | head -n 1', "sh", *words]
-    result = run_words(tmp_path, *line)
+    result = run_words(tmp_path, "sh", "-c", '"$@" | head -n 1', "sh", *words)
     assert (len(result.stdout.splitlines()), result.stderr) == (1, "")
     check_whole(tmp_path / "run")
 

@@ -165,8 +165,7 @@ def test_bad_rows_alone_are_named(tmp_path: Path) -> None:
 def test_a_parquet_table_that_repeats_a_long_text_is_refused(tmp_path: Path) -> None:
     pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     rows, file = 350, tmp_path / "rows.parquet"
-    columns = {"turn": np.zeros(rows), "view": ["a" * 200_000] * rows}
-    parquet.write_table(pa.table(columns), file)
+    parquet.write_table(pa.table({"turn": np.zeros(rows), "view": ["a" * 200_000] * rows}), file)
     assert file.stat().st_size < 1_000_000
     with pytest.raises(InputError, match="after decompression"):
         read(file, columns={"image": "view", "steering": "turn"})

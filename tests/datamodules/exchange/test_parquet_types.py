@@ -48,8 +48,7 @@ BYTES: dict[str, Callable[[list[bytes]], object]] = {
 
 @pytest.mark.parametrize("kind", BYTES)
 def test_images_in_every_type_of_bytes_are_read(kind: str, images: list, tmp_path: Path) -> None:
-    table = write(tmp_path / "table", BYTES[kind](images))
-    recording = read_recordings(str(table), **SAID)
+    recording = read_recordings(str(write(tmp_path / "table", BYTES[kind](images))), **SAID)
     assert recording.image(ROWS - 1).shape == (80, 160, 3)
     assert recording.stored(7, 0) == images[7]
 

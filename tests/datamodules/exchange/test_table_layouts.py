@@ -70,8 +70,7 @@ def test_a_table_of_every_layout_is_read(name: str, tmp_path: Path) -> None:
     check_whole(recording)
     assert recording.names == (str(table),), "its folder may hold others"
     if name in ("semicolons", "tabs", "bars"):
-        words = f"labels.csv: its columns are separated by {name}"
-        assert words in "\n".join(recording.notes)
+        assert f"labels.csv: its columns are separated by {name}" in "\n".join(recording.notes)
 
 
 def test_decimal_commas_are_read_between_semicolons(tmp_path: Path) -> None:
