@@ -12,6 +12,7 @@ from zoo.base.rig import UDACITY, Rig
 from zoo.base.rig_file import write_rig
 
 SOURCE_NAME = "source.json"  # beside the log of a converted recording
+AND, UDACITYS = " and ", "Udacity's simulator"  # in the names of several cars
 
 
 def write_car(folder: Path, recording: Recording, source: str = "another_car") -> None:
@@ -61,13 +62,26 @@ def read_copy(folders: Iterable[str | Path]) -> tuple[str | None, Blocks]:
 
 
 def other_car(recording: Recording) -> str | None:
-    """Return the name of the car or format of a recording; None if it is Udacity's car.
+    """Return the name of the car or format of a recording, see `car_names`.
 
     Raises:
         InputError: see `read_source`.
     """
-    if source := read_source(recording.names):
-        return source
-    if recording.rig == UDACITY:
+    rigs = zip(recording.names, recording.each_rig, strict=True)
+    return car_names(read_source([folder]) or _car_name(rig) for folder, rig in rigs)
+
+
+def _car_name(rig: Rig | None) -> str | None:
+    if rig == UDACITY:
         return None
-    return recording.rig.name if recording.rig else "a car of unknown make"
+    return rig.name if rig else "a car of unknown make"
+
+
+def car_names(others: Iterable[str | None]) -> str | None:
+    """Return the names of several cars, where None is Udacity's; None if all are Udacity's.
+
+    >>> car_names([None, "my car", None]), car_names([None, None])
+    ("Udacity's simulator and my car", None)
+    """
+    cars = dict.fromkeys(others)
+    return AND.join(car or UDACITYS for car in cars) if any(cars) else None

@@ -112,6 +112,11 @@ class Recording:
         return self.rigs or (self.rig,) * len(self.names)
 
     @property
+    def without_rig(self) -> list[str]:
+        """Return those of `names` whose rig is unknown."""
+        return [name for name, rig in zip(self.names, self.each_rig, strict=True) if rig is None]
+
+    @property
     def recordings(self) -> list["Recording"]:
         """Return the rows of each of `names`."""
         return [self.keep(self.recording == number) for number in range(len(self.names))]

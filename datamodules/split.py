@@ -199,8 +199,7 @@ def _split_blocks(
         sizes = np.array([min(n, count - at) for count, n in pairs for at in range(0, count, n)])
     # With few blocks the gaps can remove a whole part: deal again.
     for _ in range(REDEALS):
-        part = np.repeat(_deal(sizes, shares, rng), sizes)
-        kept = without_gaps(part, recording.recording, gaps)
+        kept = without_gaps(np.repeat(_deal(sizes, shares, rng), sizes), recording.recording, gaps)
         if all((kept == number).any() for number in np.flatnonzero(shares > 0)):
             break
     return kept

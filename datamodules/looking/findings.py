@@ -102,13 +102,12 @@ def _no_speed(recording: Recording) -> Iterator[str]:
         yield (
             f"the speed of {unknown} is unknown (missing, or 0 in each row): data.recover_s and "
             "networks that take or predict a speed cannot use it"
-            f"{'' if None in recording.each_rig else replay}"
+            f"{'' if recording.without_rig else replay}"
         )
 
 
 def _no_rig(recording: Recording) -> Iterator[str]:
-    rigs = zip(recording.names, recording.each_rig, strict=True)
-    if unknown := ", ".join(name for name, rig in rigs if rig is None):
+    if unknown := ", ".join(recording.without_rig):
         yield (
             f"the camera and the car of {unknown} are unknown, so that no replay can score a "
             f"network of it; name a known rig, {RIG_KEYS}, or write one: drivezoo new rig my_car"
@@ -130,7 +129,7 @@ def _two_speeds(recording: Recording) -> Iterator[str]:
         yield (
             f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at "
             f"about {second:.0f}: one data.offset fits only one speed; "
-            f"{'' if None in recording.each_rig else by_rig}record at one speed"
+            f"{'' if recording.without_rig else by_rig}record at one speed"
         )
 
 

@@ -347,6 +347,5 @@ def key_comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
     for package, path in [*files, ("", conf_folder() / "config.yaml")]:
         text = path.read_text(encoding="utf-8")
         header = _PACKAGE.match(text)
-        prefix = f"{header['package'] if header else package}.".lstrip(".")
-        comments |= comments_of(text, prefix)
+        comments |= comments_of(text, f"{header['package'] if header else package}.".lstrip("."))
     return comments

@@ -125,12 +125,11 @@ class DriveFilm(Film):
         if (self.number - 1) % self.every:
             return
         is_measured = not math.isnan(row.cross_track_m)
-        share = autonomy(self.interventions, row.time_s) if is_measured else None
         state = Overlay(
             row.steering,
             row.throttle,
             row.speed_mph,
-            share,
+            autonomy(self.interventions, row.time_s) if is_measured else None,
             row.cross_track_m,
             spread=row.spread,
             rig=self.rig,

@@ -27,8 +27,7 @@ def mean_and_deviation(values: Sequence[float]) -> Spread:
     >>> mean_and_deviation([1.0, 3.0]), mean_and_deviation([1.0])
     ((2.0, 1.4142135623730951), (1.0, None))
     """
-    deviation = float(np.std(values, ddof=1)) if len(values) > 1 else None
-    return float(np.mean(values)), deviation
+    return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else None
 
 
 def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
@@ -151,8 +150,7 @@ def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[C
             numbers = [figures.get(key) for figures in tracks.values()]
             values: dict[str, Sequence[float | int | None]] = {key: numbers}
             if key in METRICS:
-                pairs = [pair or (None, None) for pair in numbers]
-                means, deviations = zip(*pairs, strict=True)
+                means, deviations = zip(*[pair or (None, None) for pair in numbers], strict=True)
                 values = {key: means, f"{key}_std": deviations}
             columns.append(Column(key, label, texts, values, short=key in SHORT))
     return columns

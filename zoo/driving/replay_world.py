@@ -130,10 +130,15 @@ class ReplayWorld(World):
     ) -> None:
         names = ", ".join(recording.names)
         if (rig := recording.rig) is None:
+            if unknown := ", ".join(recording.without_rig):
+                raise InputError(
+                    f"{unknown}: the rig is unknown, so that it cannot be replayed; describe "
+                    "camera and car in rig.yaml beside it or in data.rig=FILE (drivezoo new rig "
+                    f"my_car), or name a known one, {RIG_KEYS}"
+                )
             raise InputError(
-                f"{names}: the rig is unknown, so that it cannot be replayed; describe camera and "
-                "car in rig.yaml beside it or in data.rig=FILE (drivezoo new rig my_car), or name "
-                f"a known one, {RIG_KEYS}"
+                f"{names}: their rigs differ, and a replay has one car; replay each recording by "
+                "itself: drivezoo replay CKPT FOLDER"
             )
         self.rig, self.stretches, self.speed_mph = rig, stretches, speed_mph
         self.recording = with_speed(recording, speed_mph)

@@ -111,8 +111,7 @@ class Stack(Memory):
     def forward(self, images: Tensor) -> Tensor:
         """Return the outputs of the newest frame and the steps ahead."""
         # In one layout whatever the frames' is, so that every caller gets the same bits.
-        stacked = images.flatten(1, 2).contiguous(memory_format=torch.channels_last)
-        return self.outputs_of(stacked)
+        return self.outputs_of(images.flatten(1, 2).contiguous(memory_format=torch.channels_last))
 
     def state_shapes(self) -> list[tuple[tuple[int, ...], torch.dtype]]:
         """Return those of the frames before, and of a 1 that tells them from no frames."""

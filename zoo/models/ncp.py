@@ -97,10 +97,9 @@ class Ncp(Recurrent):
         count = channels * FEATURES_PER_CHANNEL
         self.sensors = nn.Conv2d(channels, count, (height, width), groups=channels)
         rng = np.random.RandomState(wiring_seed)
-        inputs = [count, *LAYERS[:-1]]
         masks = [
             sparse_mask(before, neurons, fan_out, rng)
-            for before, neurons, fan_out in zip(inputs, LAYERS, FAN_OUT, strict=True)
+            for before, neurons, fan_out in zip([count, *LAYERS[:-1]], LAYERS, FAN_OUT, strict=True)
         ]
         self.cells = nn.ModuleList(map(CfcCell, masks))
         self.neurons = sum(LAYERS)

@@ -118,11 +118,10 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
         of["interventions"], km, limits=POSITIVE, one_failure=count / (km.sum() or math.inf)
     )
     failed = estimate((of["interventions"] > 0) * 1.0, limits=SHARE, one_failure=1.0)
-    shortfall = estimate(1 - of["autonomy"], limits=SHARE, one_failure=lost)
     estimates = {
         "interventions_per_km": rate,
         "without_intervention": complement(failed),
-        "autonomy": complement(shortfall),
+        "autonomy": complement(estimate(1 - of["autonomy"], limits=SHARE, one_failure=lost)),
         "m_per_intervention": Estimate(
             *(1000 / per_km if per_km else math.nan for per_km in (rate.value, rate.high, rate.low))
         ),

@@ -139,8 +139,7 @@ class Run:
     @cached_property
     def metrics(self) -> dict:
         """Return the contents of `metrics.json`; empty before the run has finished."""
-        is_written = (self.folder / metrics_file.NAME).exists()
-        return read_metrics_file(self.folder) if is_written else {}
+        return read_metrics_file(self.folder) if (self.folder / metrics_file.NAME).exists() else {}
 
     @cached_property
     def config(self) -> dict:

@@ -58,8 +58,7 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
     figure = NotebookFigure(figsize=(8, 3), layout="constrained")
     axis = figure.subplots()
     if drive.distance_m is None:  # a world that does not know it
-        seconds = np.diff(drive.time_s, prepend=drive.time_s[0])
-        step = seconds * drive.speed_mph * MPS_PER_MPH
+        step = np.diff(drive.time_s, prepend=drive.time_s[0]) * drive.speed_mph * MPS_PER_MPH
     else:
         step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
     if math.isfinite(drive.length_m):  # a lap begins at 0 again

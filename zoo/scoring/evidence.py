@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from datamodules.recorded_car import AND, UDACITYS
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import command_line
 from zoo.checkpoints.checkpoint_path import STARTED_IN, short_name, trained_data
@@ -167,9 +168,9 @@ def other_car_line(data: object, where: str, source: str | None = None) -> str |
         where: where it drives, in words.
         source: other car or format of that place; None for Udacity's rig.
     """
-    if not data or source_of(data) == source:  # without facts, nobody knows
+    home, there = (car or UDACITYS for car in (source_of(data), source))
+    if not data or there in (home, *home.split(AND)):  # without facts, nobody knows
         return None
-    home, there = (car or "Udacity's simulator" for car in (source_of(data), source))
     return (
         f"another car's network drives {where}: its recording is of {home}, and the camera and the "
         f"car there are of {there}; the figures say nothing about how it drives its own"

@@ -33,8 +33,7 @@ def headline(run: ReportedRun) -> list[blocks.Block]:
 
 def evaluated(run: ReportedEvaluation) -> list[blocks.Block]:
     """Return the verdict of an evaluation, and its figures."""
-    verdict = Verdict(**(run.metrics.get("verdict") or {}))
-    return [_box(verdict), blocks.Tiles(main_figures(run))]
+    return [_box(Verdict(**(run.metrics.get("verdict") or {}))), blocks.Tiles(main_figures(run))]
 
 
 def perturbed(run: ReportedEvaluation) -> list[blocks.Block]:

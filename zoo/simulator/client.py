@@ -302,8 +302,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     with ExitStack() as open_things:
         if options.film:
             path = checked_file(options.film, FILMS, "film")
-            film = open_things.enter_context(Film(path, options.frame_rate))
-            client.on_frame.append(film.add)
+            client.on_frame.append(open_things.enter_context(Film(path, options.frame_rate)).add)
         if options.window:
             from zoo.simulator.hand_page import served_seat
 

@@ -6,7 +6,7 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.looking.leak import seconds_apart
-from datamodules.recorded_car import other_car
+from datamodules.recorded_car import car_names, other_car
 from datamodules.recording import ROW_SAMPLE
 from datamodules.run_data import RunData
 from datamodules.split import PARTS, rows_per_second
@@ -42,7 +42,8 @@ def recorded_facts(data: RunData) -> dict:
     if not data.label.is_steering:
         facts[CURVATURE] = data.label.curvature_per_m
     if source := other_car(recording):
-        facts |= {"source": source, "rig": recording.rig and recording.rig.name}
+        rigs = car_names(rig.name if rig else None for rig in recording.each_rig)
+        facts |= {"source": source, "rig": None if recording.without_rig else rigs}
     return facts
 
 

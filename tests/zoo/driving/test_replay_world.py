@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from datamodules.recorded_car import other_car
 from datamodules.recording_format import read_recordings
 from tests.recordings import write_recording
 from tests.zoo.command_runs import only_line, run_here, succeed
@@ -23,9 +24,11 @@ from zoo.driving.drive_record import Drive
 from zoo.driving.metrics import measure
 from zoo.driving.replay_world import ReplayWorld, VirtualCar, seconds_of_rows
 from zoo.driving.scenario import Scenario
+from zoo.scoring.evidence import other_car_line
 from zoo.scoring.replay_score import keyboard_lines
 
 ROWS = 250  # 16.6 s
+CAR = replace(UDACITY, name="my car")
 
 
 def replay(recording, besides=0.0, margin=None, show=None, **world: float) -> Drive:
@@ -194,6 +197,25 @@ def test_a_recording_that_holds_its_speed_keeps_it_beside_one_without(recording)
 def test_an_option_that_cannot_be_is_one_line(recording, keywords, message):
     with pytest.raises(InputError, match=message):
         replay(recording, **keywords)
+
+
+@pytest.mark.parametrize(
+    ("rigs", "message", "cars"),
+    [
+        ((UDACITY, CAR), "a, b: their rigs differ", "Udacity's simulator and my car"),
+        ((CAR, None), "b: the rig is unknown", "my car and a car of unknown make"),
+        ((None, None), "a, b: the rig is unknown", "a car of unknown make"),
+    ],
+)
+def test_cars_are_named_and_what_keeps_them_from_one_replay(recording, rigs, message, cars):
+    half = np.arange(ROWS) // (ROWS // 2)
+    both = replace(recording, names=("a", "b"), recording=half, rig=None, rigs=rigs)
+    with pytest.raises(InputError, match=f"^{message}"):
+        ReplayWorld(both)
+    assert other_car(both) == cars
+    of_either = [other_car_line({"source": cars}, "b", name) for name in cars.split(" and ")]
+    assert not any(of_either)
+    assert "my truck" in other_car_line({"source": cars}, "c", "my truck")
 
 
 def test_a_recording_too_short_to_replay_says_how_long_it_must_be(recording):

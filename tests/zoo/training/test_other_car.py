@@ -186,7 +186,7 @@ def test_what_cannot_be_replayed_names_the_remedy(
     recording = read_recordings(str(recorded.folder))
     parts = split_rows(recording, split)
     with pytest.raises(InputError, match=remedy):
-        held_out_replay(recording if rig else replace(recording, rig=None), parts, None)
+        held_out_replay(recording if rig else replace(recording, rig=None, rigs=()), parts, None)
 
 
 def test_a_step_between_two_stretches_is_not_driven(recorded: Written) -> None:

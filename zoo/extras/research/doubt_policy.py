@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from datamodules.recorded_car import car_names
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
@@ -36,7 +37,7 @@ class EnsemblePolicy(Policy):
     Attributes:
         view: the first member's.
         config: the first member's, with `name` as the model's name.
-        data: facts on the recordings that are the same for all members.
+        data: facts on the recordings that are the same for all members; and all their cars.
     """
 
     predicts_spread = True
@@ -47,6 +48,8 @@ class EnsemblePolicy(Policy):
         self.view = first.view
         facts = [member.data.items() for member in self.members]
         self.data = dict(fact for fact in facts[0] if all(fact in others for others in facts))
+        source = car_names(member.data.get("source") for member in self.members)
+        self.data |= {"source": source} if source else {}
         counts = Counter(member.name for member in self.members)
         self.name = " and ".join(f"{count} {name}" for name, count in counts.items())
         self.config = {**first.config, "model": first.config.get("model", {}) | {"name": self.name}}

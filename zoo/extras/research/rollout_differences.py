@@ -109,10 +109,9 @@ def compare_policies(policies: dict[str, list[Rollout]], paired: bool = False) -
             _difference(policies[a], policies[b], scope, paired, limits)
             for a, b in combinations(policies, 2)
         ]
-        p_values = holm([row.p for row in of_scope])
         rows += [
             replace(row, p=p, needed=row.needed if p >= SIGNIFICANT else {})
-            for row, p in zip(of_scope, p_values, strict=True)
+            for row, p in zip(of_scope, holm([row.p for row in of_scope]), strict=True)
         ]
     return rows
 

@@ -81,8 +81,7 @@ class Report:
 
     def replay(self, driven: Driven) -> list[str]:
         """Return the words after `drivezoo` that drive a road again, as the mildest."""
-        track = f"track={self.folder / MILDEST}"
-        words = ["evaluate", short_name(Path(self.checkpoint)), track]
+        words = ["evaluate", short_name(Path(self.checkpoint)), f"track={self.folder / MILDEST}"]
         words.append(f"weather={weather_text(driven.candidate.weather)}")
         keys = ("speed", "frame_rate", "delay_s", "quality")
         return [*words, *(word for word in changed(self.options) if word.partition("=")[0] in keys)]
@@ -202,8 +201,7 @@ def _write_mildest(report: Report, mildest: Driven) -> None:
         features,
     ]
     text = "".join(f"# {printable(line)}\n" for line in lines)
-    content = yaml_text(mildest.candidate.content)
-    write_whole(report.folder / MILDEST, text + content)
+    write_whole(report.folder / MILDEST, text + yaml_text(mildest.candidate.content))
 
 
 def features_table(report: Report) -> Table:

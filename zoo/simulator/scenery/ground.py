@@ -260,6 +260,5 @@ class Ground:
         if self.coarse:  # a disc, so that less water lies below the ground
             turn, away = np.linspace(0, 2 * np.pi, 17)[:, None], np.array([0.0, radius])
             xy = (x, y) + away[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
-        level = np.full((*xy.shape[:2], 1), self.around.water_level)
-        points = np.concatenate([xy, level], -1)
+        points = np.concatenate([xy, np.full((*xy.shape[:2], 1), self.around.water_level)], -1)
         return grid_mesh("concrete", points, (0.0, 0.0, 1.0), WATER, xy / 24.0)

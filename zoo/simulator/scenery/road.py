@@ -63,8 +63,7 @@ def _runs(track: Track) -> Iterator[tuple[np.ndarray, list[tuple[Mesh, int]]]]:
             most = None if room is None else room_at(track, room[number], along)
             share = taper_at(track, along, side)
             for band in bands_of_run(track, along, side):
-                mesh = band_mesh(track, along, band, side, half, most=most, share=share)
-                bands.append((mesh, 2))
+                bands.append((band_mesh(track, along, band, side, half, most=most, share=share), 2))
         yield along, bands
 
 

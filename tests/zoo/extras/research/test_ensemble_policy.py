@@ -64,6 +64,9 @@ def test_it_describes_its_members() -> None:
     for rows, member in enumerate(policy.members):
         member.data = {"rows": rows, "source": "donkeycar"}
     assert EnsemblePolicy(policy.members).data == {"source": "donkeycar"}
+    policy.members[0].data = {"source": "my car"}
+    assert EnsemblePolicy(policy.members).data == {"source": "my car and donkeycar"}
+    assert EnsemblePolicy([*policy.members, Member(0.1)]).data["source"].startswith("my car and d")
 
 
 def test_the_latency_reaches_the_members_that_predict_ahead() -> None:
