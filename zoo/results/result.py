@@ -1,6 +1,7 @@
 """The records and the only writer of `result.json`, the figures of an entry of the benchmark."""
 
 import hashlib
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -164,15 +165,22 @@ def code_name(code: CodeFacts) -> str:
 
 
 def check_distinct(drivers: Sequence[Driver], where: str = "") -> None:
-    """Raise InputError unless an entry's checkpoints are different ones of one network."""
-    for number, driver in enumerate(drivers):
-        if driver.model != drivers[0].model:
+    """Raise InputError unless an entry's checkpoints are of different trainings of one network."""
+    for earlier, driver in itertools.combinations(drivers, 2):
+        if driver.model != earlier.model:
             raise InputError(
-                f"{where}{driver.file}: is a {driver.model}, but {drivers[0].file} is a "
-                f"{drivers[0].model}; the checkpoints of an entry differ only in their seed"
+                f"{where}{driver.file}: is a {driver.model}, but {earlier.file} is a "
+                f"{earlier.model}; the checkpoints of an entry differ only in their seed"
             )
-        if driver.sha256 in [earlier.sha256 for earlier in drivers[:number]]:
+        if driver.sha256 == earlier.sha256:
             raise InputError(f"{where}{driver.file}: is named twice; name each training seed once")
+        seed = driver.training_seed
+        if seed is not None and (seed, driver.data) == (earlier.training_seed, earlier.data):
+            raise InputError(
+                f"{where}{driver.file}: has the training seed {seed} and the recordings of "
+                f"{earlier.file}; name one checkpoint of each training: intervals are for new "
+                "trainings"
+            )
 
 
 def digest_of_drives(drives: Sequence[DriveRecord]) -> str:

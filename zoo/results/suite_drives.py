@@ -1,7 +1,6 @@
 """The drivers of an entry and their drives, with figures and a digest; finished ones are kept."""
 
 import hashlib
-import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -211,13 +210,6 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
         return [Driver(file=names[0], model=names[0], **facts)]
     drivers = [read_driver(find_checkpoint(name)) for name in names]
     check_distinct(drivers)
-    for a, b in itertools.combinations(drivers, 2):
-        seed = b.training_seed
-        if seed is not None and (seed, b.data) == (a.training_seed, a.data):
-            raise InputError(
-                f"{b.file}: has the training seed {seed} and the recordings of {a.file}; name one "
-                "checkpoint of each training: intervals are for new trainings"
-            )
     return drivers
 
 

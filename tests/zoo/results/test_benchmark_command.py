@@ -60,8 +60,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def entry(checkpoint: Path, suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a result of two training seeds."""
     other = write_constant(checkpoint.with_name("other.ckpt"), -0.3, seed=8)
-    out = tmp_path_factory.mktemp("out") / "entry"
-    return drive([checkpoint, other], suite, out)
+    return drive([checkpoint, other], suite, tmp_path_factory.mktemp("out") / "entry")
 
 
 def drive(drivers: list[object], suite: Path | str, out: Path, *more: str) -> Path:
@@ -146,8 +145,7 @@ def test_a_full_disk_keeps_the_drives(interrupted: Path, suite: Path, small_disk
     out = small_disk / "out"
     shutil.copytree(interrupted, out)
     content = (out / UNFINISHED).read_bytes()
-    free = shutil.disk_usage(small_disk).free
-    (small_disk / "full").write_bytes(bytes(free))
+    (small_disk / "full").write_bytes(bytes(shutil.disk_usage(small_disk).free))
     assert f"{UNFINISHED}: No space left" in refusal(drive, ["zero"], suite, out)
     assert (out / UNFINISHED).read_bytes() == content
 
@@ -237,6 +235,7 @@ def test_verify_prints_how_a_drive_differs(
         ("checkpoints/0/training_seed", 1, "training_seed: is 1, but"),
         ("entry", 3, "entry: should be text"),
         ("checkpoints", lambda drivers: 2 * drivers[:1], "named twice"),
+        ("checkpoints/0/training_seed", 8, "other.ckpt: has the training seed 8 and the rec"),
     ],
 )
 def test_verify_refuses_a_changed_result(
