@@ -79,7 +79,7 @@ class ComparedEntries(Result):
         what = SCORES[self._score]
         lines = [f"verdict: {overall.verdict} ({what} {first} and {second} in {where})"]
         pair = (self.a, self.b)
-        if single := [side.result.entry for side in pair if side.seeds == 1 and side.is_trained]:
+        if single := [side.result.entry for side in pair if side.seeds == 1]:
             lines.append(
                 f"{' and '.join(single)}: one training seed: how trainings differ is unknown, so "
                 "that neither drives better"
@@ -109,7 +109,7 @@ class ComparedEntries(Result):
         console = Console(emoji=False, soft_wrap=True)
         console.width = max(console.width, 76)  # a narrower table would lose figures
         for name, entry in (("A", self.a), ("B", self.b)):
-            how = f"training seeds: {entry.seeds}" if entry.is_trained else "a baseline"
+            how = f"training seeds: {entry.seeds}" if entry.seeds else "a baseline"
             print_line(console, printable(f"{name}: {entry.result.entry}, {how} ({entry.path})"))
         shown = self.result_table().narrow()
         table = shown.printed(

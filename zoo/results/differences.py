@@ -40,8 +40,8 @@ class Entry:
 
     @property
     def seeds(self) -> int:
-        """Return the number of training seeds."""
-        return len(self.result.checkpoints)
+        """Return the number of training seeds; 0 for a baseline: its driver has no hash."""
+        return sum(checkpoint.sha256 is not None for checkpoint in self.result.checkpoints)
 
     @property
     def training_seeds(self) -> list[int | None]:
@@ -49,16 +49,9 @@ class Entry:
         return [checkpoint.training_seed for checkpoint in self.result.checkpoints]
 
     @property
-    def is_trained(self) -> bool:
-        """Return whether a training made it; a baseline has no checkpoint file with a hash."""
-        return any(checkpoint.sha256 is not None for checkpoint in self.result.checkpoints)
-
-    @property
     def kind(self) -> str:
         """Return RANKED for several trainings, ONE_SEED or BASELINE."""
-        if not self.is_trained:
-            return BASELINE
-        return RANKED if self.seeds > 1 else ONE_SEED
+        return {0: BASELINE, 1: ONE_SEED}.get(self.seeds, RANKED)
 
     @property
     def roads(self) -> list[Road]:
@@ -273,9 +266,7 @@ def compare_roads(
     p = _p_value(a, b, roads, paired) if p is None else p
     verdict = CANNOT_TELL
     # Of pairs, only the shared seeds count.
-    alone = any(
-        len(scores) == 1 and side.is_trained for side, scores in ((a, scores_a), (b, scores_b))
-    )
+    alone = any(len(scores) == 1 and side.seeds for side, scores in ((a, scores_a), (b, scores_b)))
     if p < SIGNIFICANT and not alone:
         verdict = A_BETTER if difference.mean() > 0 else B_BETTER
     if verdict != CANNOT_TELL:

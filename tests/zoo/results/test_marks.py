@@ -241,5 +241,4 @@ def test_a_suite_of_too_many_drives_is_refused_before_its_roads_are_drawn(tmp_pa
 
 
 def test_large_figures_have_thousands_separators() -> None:
-    figure = FIGURES["interventions_per_km"]
-    assert figure.form.format(1234.5) == "1,234.50"
+    assert FIGURES["interventions_per_km"].form.format(1234.5) == "1,234.50"

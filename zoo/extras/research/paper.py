@@ -221,8 +221,8 @@ def _entries_table(entries: Sequence[Entry], names: Sequence[str], ranks: Sequen
     results = [entry.result for entry in entries]
     counts: dict[str, list[int | None]] = {
         "parameters": [entry.result.checkpoints[0].parameters for entry in entries],
-        "seeds": [entry.seeds if entry.is_trained else None for entry in entries],
-        "drives": [entry.seeds * len(entry.roads) for entry in entries],
+        "seeds": [entry.seeds or None for entry in entries],
+        "drives": [(entry.seeds or 1) * len(entry.roads) for entry in entries],
     }
     first = results[0].score if results[0].has_levels else SHORT[0]  # that of the order
     figures = figure_columns([overall(result) for result in results])
