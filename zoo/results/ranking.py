@@ -306,14 +306,16 @@ def setting_columns(entries: Sequence[Entry]) -> list[Column]:
 def seeds_column(entries: Sequence[Entry]) -> Column:
     """Return the training seeds: `1`, or `1, 2, 3` with `(n = 3)` in a second line.
 
-    The second line names the precisions where they differ, as in runs of older versions.
+    The second line names the precisions and the codes where they differ.
     """
-    counts = [max(row.first.trainings, len({run.seed for run in row.runs})) for row in entries]
+    counts = [row.first.trainings * len({run.seed for run in row.runs}) for row in entries]
     texts = []
     for entry, count in zip(entries, counts, strict=True):
         listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)
-        precisions = sorted({run.precision for run in entry.runs} - {""})
-        mixed = f", {' and '.join(precisions)}" if len(precisions) > 1 else ""
+        mixed = ""
+        for key in ("precision", "code"):
+            values = sorted({getattr(run, key) for run in entry.runs} - {""})
+            mixed += f", {key} {' and '.join(values)}" if len(values) > 1 else ""
         texts.append(f"{listed}\n(n = {count}{mixed})" if count > 1 else listed)
     return Column("training_seeds", "training seeds", texts, {"training_seeds": counts})
 

@@ -45,6 +45,7 @@ class Scored:
         seed: training seed.
         trainings: number of trainings that drove.
         precision: precision of the training; empty where it is unknown.
+        code: first digits of the hash of the code that trained it; empty where it is unknown.
         trained_on: recordings of the training.
         wall_s: seconds of training; None for what is not a run.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), values by epoch from 1 on.
@@ -61,6 +62,7 @@ class Scored:
     seed: int | None = None
     trainings: int = 1
     precision: str = ""
+    code: str = ""
     trained_on: TrainedOn = field(default_factory=TrainedOn)
     val_mse: float | None = None
     test_mse: float | None = None
@@ -180,6 +182,7 @@ def load_run(folder: Path) -> Scored | None:
         overrides=_typed(run),
         seed=metrics.get("seed"),
         precision=metrics.get("precision") or "",
+        code=str((metrics.get("code") or {}).get("hash") or "")[:6],
         trained_on=run.trained_on,
         val_mse=open_loop.get("val", {}).get("mse"),
         test_mse=open_loop.get("test", {}).get("mse"),

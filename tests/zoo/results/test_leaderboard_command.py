@@ -68,8 +68,7 @@ def test_the_order_is_named(runs: list[dict], words: str, tmp_path: Path, consol
     ranking = Ranking.read(folders, tmp_path, title="2 jobs")
     ranking.show(console)
     assert f"2 jobs, {words}" in " ".join(console.file.getvalue().split())
-    page = ranking.write_page(tmp_path / "page.html", "2 jobs").read_text()
-    assert words[1:] in page
+    assert words[1:] in ranking.write_page(tmp_path / "page.html", "2 jobs").read_text()
     assert words in ranking.result_table().caption
 
 
@@ -291,18 +290,21 @@ def test_a_repeated_training_counts_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("precisions", "text"),
+    ("key", "values", "text"),
     [
-        (("32-true", "bf16-mixed"), "1, 2\n(n = 2, 32-true and bf16-mixed)"),
-        (("32-true", "32-true"), "1, 2\n(n = 2)"),
-        ((None, "32-true"), "1, 2\n(n = 2)"),
+        ("precision", ("32-true", "bf16-mixed"), ", precision 32-true and bf16-mixed"),
+        ("precision", ("32-true", "32-true"), ""),
+        ("precision", (None, "32-true"), ""),
+        ("code", ({"hash": "fedcba98"}, {"hash": "01234567"}), ", code 012345 and fedcba"),
     ],
 )
-def test_several_precisions_are_marked(precisions: tuple, text: str, tmp_path: Path) -> None:
-    for seed, precision in enumerate(precisions, 1):
-        write_run(tmp_path / str(seed), 0.9, seed=seed, root="/a/lake", precision=precision)
+def test_several_precisions_or_codes_are_marked(
+    key: str, values: tuple, text: str, tmp_path: Path
+) -> None:
+    for seed, value in enumerate(values, 1):
+        write_run(tmp_path / str(seed), 0.9, seed=seed, root="/a/lake", **{key: value})
     entries = rank(read_scored(sorted(tmp_path.iterdir()))[0])
-    assert seeds_column(entries).cells == [text]
+    assert seeds_column(entries).cells == [f"1, 2\n(n = 2{text})"]
 
 
 def drives_on(**tracks: tuple[float, float]) -> dict:
@@ -358,8 +360,7 @@ def test_runs_without_figures_are_counted_and_named(tmp_path: Path) -> None:
 
 def test_runs_are_found_in_sweeps_and_not_below_runs(tmp_path: Path) -> None:
     write_run(tmp_path / "sweeps" / "day" / "time" / "0")
-    run = write_run(tmp_path / "day" / "time")
-    write_run(run / "again")
+    write_run(write_run(tmp_path / "day" / "time") / "again")
     paths = {str(path.relative_to(tmp_path)) for path in run_folders(tmp_path)}
     assert paths == {"sweeps/day/time/0", "day/time"}
 

@@ -54,6 +54,7 @@ def test_results_give_tables_plots_and_a_complete_archive(monkeypatch: pytest.Mo
     baseline["checkpoints"][0]["sha256"] = None
     write(Path("marks/mean"), baseline)
     shown = leaderboard("marks", paper="paper")
+    assert [row["training_seeds"] for row in shown.table()] == [1, 3, 3, 0]
     assert not Path("marks/leaderboard.html").exists()  # marks may be somebody's published results
 
     table = rows("paper/table.csv")
