@@ -5,6 +5,7 @@ A kind of file is an object with `detect` and `read`, named by the entry point `
 
 import csv
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
@@ -24,6 +25,7 @@ TRAININGS = ("training_seed", "train_seed", "training")
 SCORES = ("success", "score")
 LISTS = {"success": "successes", "sum_reward": "sum_rewards", "max_reward": "max_rewards"}
 FULL = {"score_penalty": 1}  # most of Bench2Drive's scores that are no percentages
+WHOLE = re.compile(r"^(-?\d+)\.0+$")  # as pandas writes a column of numbers that lacks one
 WORDS = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0}
 
 
@@ -163,6 +165,8 @@ class TableKind:
         for number, row in enumerate(content, 1):
             cells = {key: row[name] if name else None for key, name in columns.items()}
             texts: Any = {key: "" if cell is None else str(cell) for key, cell in cells.items()}
+            for key in ("scene", "seed", "training"):
+                texts[key] = WHOLE.sub(r"\1", texts[key])
             row_name = f"line {row.line}" if isinstance(row, Row) else f"rollout {number}"
             where = f"{path}: {row_name}"
             if columns["policy"] and not texts["policy"]:
