@@ -66,8 +66,7 @@ class LabellingPolicy(PolicyWrapper):
         command = self.policy(frame, speed_mph)
         label = self.expert(world)
         self.labels.append((world.pose(), world.frames, label))
-        second = np.random.default_rng([self.seed, 0, int(world.time)])
-        if second.random() < self.beta:
+        if np.random.default_rng([self.seed, 0, int(world.time)]).random() < self.beta:
             return replace(command, steering=label[0])
         number, since_s = divmod(world.time, NUDGE_EVERY_S)
         push = np.random.default_rng([self.seed, 1, int(number)])

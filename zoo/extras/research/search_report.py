@@ -113,8 +113,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
                 write_whole(folder / RESULT, json_text(result_of(report)))
                 show(len(drives) / options.budget)
 
-            drive = partial(drive_roads, checkpoint, options, pool)
-            search(options, space, archive, drive, keep)
+            search(options, space, archive, partial(drive_roads, checkpoint, options, pool), keep)
         mildest, table = report.mildest, features_table(report)
         written = [folder / RESULT, save_figure(draw_map(report), folder / MAP)]
         if mildest is not None:
@@ -142,8 +141,7 @@ def result_of(report: Report) -> dict:
     is_done, worst = len(drives) == report.options.budget, None
     failed = [drive.candidate.features for drive in report.failed]
     if mildest is not None:
-        command = ["drivezoo", *report.replay(mildest)]
-        worst = {"drive": drives.index(mildest), "command": command}
+        worst = {"drive": drives.index(mildest), "command": ["drivezoo", *report.replay(mildest)]}
     return {
         "version": VERSION,
         "code": code_fingerprint(),

@@ -129,8 +129,7 @@ class Search:
 
     def job(self, number: int) -> Job:
         """Return a trial as a job: its values and its pruning callback as overrides."""
-        values = self.study.get_trials()[number].params
-        drawn = (f"{key}={value}" for key, value in values.items())
+        drawn = (f"{key}={value}" for key, value in self.study.get_trials()[number].params.items())
         overrides = (*self.fixed, *drawn, *self.pruning(number))
         return Job(number, overrides, self.folder / str(number))
 

@@ -33,6 +33,7 @@ from zoo.extras.teaching.submitted_network import (
     read_facts,
 )
 from zoo.results.benchmarked import Benchmarked, nan_line
+from zoo.results.checked_result import check_suite
 from zoo.results.marks import (
     OPEN,
     PASSED,
@@ -245,6 +246,7 @@ def _grade(
         if not (folder / NAME).is_file():
             _drive(folder, submission, out / SUITE, options.minutes, stop)
         result = Benchmarked.read(folder).result
+        check_suite(result, suite, folder)  # a road's file may have changed since
         if line := nan_line(result):
             raise InputError(line)
         if result.code.get("hash") != code_fingerprint()["hash"]:

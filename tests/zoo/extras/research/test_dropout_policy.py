@@ -20,8 +20,7 @@ VIEW = View((40, 20), "rgb", (66, 200))
 
 def pilotnet(**settings: object) -> Checkpoint:
     torch.manual_seed(1)
-    network = PilotNet((3, 66, 200), width=0.2, **settings)
-    return Checkpoint(network.eval(), VIEW, {}, {})
+    return Checkpoint(PilotNet((3, 66, 200), width=0.2, **settings).eval(), VIEW, {}, {})
 
 
 @pytest.fixture
@@ -77,8 +76,7 @@ def test_the_samples_keep_the_mean_and_the_rate() -> None:
 
     samples = SampledNetwork(Mean().eval(), VIEW, 50, seed=1)(torch.zeros(1, 3, 66, 200))
     assert samples.mean().item() == pytest.approx(1, abs=0.002)
-    expected = (0.1 / 0.9 / 4000) ** 0.5
-    assert samples.std().item() == pytest.approx(expected, rel=0.4)
+    assert samples.std().item() == pytest.approx((0.1 / 0.9 / 4000) ** 0.5, rel=0.4)
 
 
 class SpeedFirst(nn.Module):

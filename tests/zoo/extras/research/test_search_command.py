@@ -144,8 +144,7 @@ def test_a_road_has_what_was_chosen(name: str) -> None:
 
 
 def test_a_family_that_always_climbs_can_be_searched() -> None:
-    climbing = ALPINE.model_copy(update={"grade": (0.05, 0.1)})
-    space = SearchSpace(climbing, 100.0, CLEAR)
+    space = SearchSpace(ALPINE.model_copy(update={"grade": (0.05, 0.1)}), 100.0, CLEAR)
     low = {key: parameter.low for key, parameter in space.parameters.items()}
     road = space.draw(np.random.default_rng(0), low | {"radius": 30.0})
     assert road.features["grade"] == pytest.approx(5, abs=0.2)

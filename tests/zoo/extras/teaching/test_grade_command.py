@@ -139,12 +139,14 @@ def test_no_page_of_a_student_names_a_drawn_road(marked: graded.Graded, suite: P
 
 
 def test_it_resumes_without_driving_again(
-    marked: graded.Graded, submitted: Path, suite: Path, monkeypatch: pytest.MonkeyPatch
+    marked: graded.Graded, submitted: Path, suite: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driven = []
     monkeypatch.setattr(graded, "_drive", lambda folder, *_: driven.append(folder.name))
-    with pytest.raises(InputError, match="other roads were begun"):
-        grade(submitted, suite=str(suite), seed=6, out=marked.folder)
+    for seed, words in ((6, "other roads were begun"), ("random", "begun without seed=random")):
+        with pytest.raises(InputError, match=words):
+            grade(submitted, suite=str(suite), seed=seed, out=marked.folder)
+    assert not (marked.folder / graded.SEED).exists()
     again = grade(submitted, suite=str(suite), seed=5, out=marked.folder)
     assert [name[:4] for name in driven] == ["eve-"]
     assert again.grades[0].result == marked.grades[0].result
@@ -152,6 +154,11 @@ def test_it_resumes_without_driving_again(
     monkeypatch.setattr(graded, "code_fingerprint", lambda: {"hash": "another"})
     (line, *_) = grade(submitted, suite=str(suite), seed=5, out=marked.folder).lines
     assert line.startswith("ada: driven by other code (")
+    shutil.copytree(marked.folder, here / "out")
+    write_family(suite.parent, width=[19, 19])  # at the same path
+    (line, *_) = grade(submitted, suite=str(suite), seed=5, out="out").lines
+    write_family(suite.parent, width=[20, 20])
+    assert re.match("ada: not driven: out/drives/ada-.*: roads: .* is not that of the suite", line)
 
 
 @pytest.mark.usefixtures("as_ada")
@@ -160,6 +167,8 @@ def test_a_random_seed_is_kept_and_resumed(
 ) -> None:
     write_constant(here / "class" / "0123_ann.ckpt", 0.0)
     write_constant(here / "class" / "9lives.ckpt", 0.0)
+    seeds = iter((5, 6))  # ada's drives are of 5
+    monkeypatch.setattr(graded.secrets, "randbelow", lambda _: next(seeds))
     first = grade("class", suite=str(suite), seed="random", out="out")
     assert f"{Path('out', graded.SEED)}: " in capsys.readouterr().out
     seed, roads = ((here / "out" / name).read_text() for name in (graded.SEED, graded.SUITE))
@@ -175,12 +184,6 @@ def test_a_random_seed_is_kept_and_resumed(
     ]
     grade("class", suite=str(suite), seed="random", out="other")
     assert (here / "other" / graded.SEED).read_text() != seed
-
-
-def test_seed_random_needs_new_folder(marked: graded.Graded, submitted: Path, suite: Path) -> None:
-    with pytest.raises(InputError, match="begun without seed=random"):
-        grade(submitted, suite=str(suite), seed="random", out=marked.folder)
-    assert not (marked.folder / graded.SEED).exists()
 
 
 def drive_eve(submitted: Path, folder: Path, name: str, most_s: float) -> None:
