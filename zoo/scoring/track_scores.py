@@ -152,7 +152,9 @@ def remove_drives(folder: Path) -> None:
 
 def expert_steering_per_s(scenario: Scenario) -> float:
     """Return the expert's steering change per second on a lap of the embedded world."""
-    return _expert_lap(replace(scenario, seed=0, laps=1.0, weather=CLEAR, margin=None))
+    is_file = ".yaml" in scenario.track or ".yml" in scenario.track  # may change between two laps
+    lap = _expert_lap.__wrapped__ if is_file else _expert_lap
+    return lap(replace(scenario, seed=0, laps=1.0, weather=CLEAR, margin=None))
 
 
 @lru_cache

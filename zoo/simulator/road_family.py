@@ -235,8 +235,7 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
     ending = closing_segments(segments, rng.uniform(*family.radius))
     climb = -sum(segment["climb"] for segment in segments)
     room = sum(_length(segment) for segment in ending)
-    longest = 1.3 * family.loop[1]
-    if not ending or not low <= climb / room <= high or along + room > longest:
+    if not ending or not low <= climb / room <= high or along + room > 1.3 * family.loop[1]:
         return None
     for segment in ending:
         segment["climb"] = climb * _length(segment) / room

@@ -1,5 +1,7 @@
 """A run's `score`: the keys of an evaluation, their defaults, and the throttle."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
@@ -14,6 +16,7 @@ from zoo.driving.run_drives import check_throttle
 from zoo.driving.scenario import Scenario
 from zoo.scoring.track_scores import expert_steering_per_s, run_options
 from zoo.simulator.expert import Expert
+from zoo.simulator.track_names import track_folder
 
 
 def test_the_world_can_be_set_for_the_score() -> None:
@@ -77,6 +80,14 @@ def test_a_network_that_gives_none_is_refused() -> None:
 def test_the_expert_beside_it_drives_with_its_own_throttle_too() -> None:
     per_s = [expert_steering_per_s(Scenario("lake", throttle=mode)) for mode in ("hold", "network")]
     assert per_s[0] < per_s[1], "it is faster, and so in more bends a second"
+
+
+def test_the_expert_drives_a_file_as_it_is_now(tmp_path: Path) -> None:
+    track, per_s = tmp_path / "own.yml", []
+    for name in ("lake", "mountain"):
+        track.write_text((track_folder() / f"zoo_{name}.yaml").read_text())
+        per_s.append(expert_steering_per_s(Scenario(str(track), speed=30)))
+    assert per_s[0] != per_s[1]
 
 
 def test_it_is_said_in_one_line(checkpoint, tmp_path) -> None:

@@ -106,8 +106,7 @@ def _face(ground: Ground, top: np.ndarray, normal: np.ndarray) -> Mesh:
     high = top[:, 2] - floor > STEP_M
     bottom[:, 2] = np.where(high, floor - BURIED_M, top[:, 2])
     points = np.stack([top, bottom], 1)
-    steps = np.linalg.norm(np.diff(top, axis=0), axis=1)
-    along = np.concatenate([[0], np.cumsum(steps)]) / 6.0
+    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(top, axis=0), axis=1))]) / 6.0
     uv = np.stack(np.broadcast_arrays(along[:, None], points[..., 2] / 6.0), -1)
     face = grid_mesh("rock", points, normal[:, None], CLIFFS[ground.around.ground], uv)
     return replace(face, triangles=face.triangles[high[face.triangles // 2].any(1)])
