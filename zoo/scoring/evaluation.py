@@ -30,6 +30,7 @@ from zoo.scoring.write_up import write_report
 from zoo.simulator.track_names import short_name
 
 By = dict[str, dict[float, dict]]
+STARTS = "laps", "seeds", "seed", "start", "offset", "heading"
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,7 +134,7 @@ def score_driver(
         )
         metrics: dict[str, Any] = {"checkpoint": name, "world": options.world}
         metrics |= {} if usual.quality == "full" else {"quality": usual.quality}
-        settings = [key for key in ("laps", "seeds", *KEYS) if key not in ignores]
+        settings = [key for key in (*STARTS, *KEYS) if key not in ignores]
         metrics["settings"] = {key: typed(getattr(options, key)) for key in settings}
         metrics |= {"drives": scores.drives, "tracks": scores.tracks}
         results = {

@@ -314,8 +314,7 @@ def _quick(evidence: Evidence, _: Sequence[str]) -> Cause | None:
 
 def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     samples, epochs = evidence.metrics["train_samples"], evidence.metrics["epochs"]
-    is_small = evidence.metrics["parameters"] < SMALL
-    if is_small or samples >= ENOUGH_SAMPLES or evidence.at("quick"):
+    if evidence.metrics["parameters"] < SMALL or samples >= ENOUGH_SAMPLES or evidence.at("quick"):
         return None
     changes = {"quick": None, "trainer.max_epochs": str(-(-ENOUGH_SAMPLES * epochs // samples))}
     if not any(override.startswith("callbacks=") for override in evidence.overrides or ()):

@@ -14,6 +14,7 @@ from zoo.base.console_script import place_of
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.onnx_file import onnx_bytes
 from zoo.driving.intervals import ONE_TRACK
+from zoo.results.scored import load_evaluation
 from zoo.scoring.evidence import Evidence, has_rig, read_evidence, training_command
 from zoo.scoring.verdict import Verdict, judge, print_verdict
 
@@ -175,6 +176,7 @@ def test_the_next_command_drives_in_the_weather_that_was_driven() -> None:
         verdict = judge([drive(20)], facts, driven=driven)
         if place_of("correct"):  # an extra's
             assert words_of(verdict)[-1][-2:] == ["weather={fog: 0.8}", "quality=fast"]
+            assert verdict.commands[-1][0] == "let the expert correct it", "no command before it"
         assert verdict.causes[0] == "It was driven in weather={fog: 0.8}."
         command = judge([drive(0)], facts, driven=driven).commands[-1][1]
         assert "weather" not in command, "drivezoo drive has clear weather alone"
@@ -231,6 +233,7 @@ def test_a_likely_cause_is_named_with_a_remedy(facts: Evidence, cause: str, type
     assert "quick=true" not in commands[0]
     if place_of("correct"):  # an extra's
         assert commands[-1][:3] == ["drivezoo", "correct", facts.checkpoint]
+        assert verdict.commands[-1][0].startswith("or ")
 
 
 def test_where_no_command_corrects_a_network_it_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -319,8 +322,12 @@ def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
     (tmp_path / "metrics.json").write_text(json.dumps(metrics))
     path = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=1.0)
     assert read_evidence(path, {}).metrics["side_response"] == {"test": 0.01}
-    words = ("laps=0.05", "quality=simple", "out=out")
-    printed = succeed(run_here(tmp_path, str(path), *words, module="zoo.commands.evaluate"))
+    words = ("laps=0.05", "quality=simple", "offset=0.5", "start=9")
+    printed = succeed(
+        run_here(tmp_path, str(path), *words, "out=out", module="zoo.commands.evaluate")
+    )
+    settings = load_evaluation(tmp_path / "out").overrides
+    assert settings == {"laps": "0.05", "offset": "0.5", "quality": "simple", "start": "9.0"}
     written = json.loads((tmp_path / "out" / "metrics.json").read_text())["verdict"]
     assert written["level"] == "fails"
     assert "It does not drive zoo_lake." in printed
