@@ -212,6 +212,5 @@ def _resamples(trial: Trial) -> list[np.ndarray]:
     """Return the rows of each bootstrap resample, drawn in blocks, int64 [N] each."""
     rows = len(trial.steering)
     blocks = np.array_split(np.arange(rows), min(rows, BLOCKS))
-    rng = np.random.default_rng(0)
-    draws = rng.integers(len(blocks), size=(RESAMPLES, len(blocks)))
+    draws = np.random.default_rng(0).integers(len(blocks), size=(RESAMPLES, len(blocks)))
     return [np.concatenate([blocks[block] for block in draw]) for draw in draws]

@@ -175,8 +175,7 @@ def planned_images(facts: KnownInput, frames: TrialFrames) -> int:
     possible = combinations(facts)
     some, cameras = len(_some(frames).steering), len(frames.cameras)
     views = {choice.view for choice in possible}
-    colours = {view.colour for view in views}
-    fine = FINALISTS + len(colours) + USUAL_NEIGHBOURS + len(RESIZES)
+    fine = FINALISTS + len({view.colour for view in views}) + USUAL_NEIGHBOURS + len(RESIZES)
     coarse = len(_coarse(possible, facts)) // COARSE_STEP + _kept(len(views))
     again = 0 if some == len(frames.steering) else (MOST_TIED + 3) * len(frames.steering) * cameras
     return some * (coarse + fine * cameras) + again
