@@ -4,6 +4,7 @@ An episode is a continuous drive, of 600 s at most.
 """
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.format_options import Converted, Progress, WriteOptions
 from datamodules.formats.parquet_columns import load_pyarrow
-from datamodules.formats.recording_writer import left_out_note, whole_rows
+from datamodules.formats.recording_writer import left_out_note, reported, whole_rows
 from datamodules.image import read_image
 from datamodules.recorded_car import write_car
 from datamodules.recording import LABELS, Recording
@@ -62,9 +63,9 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         InputError: pyarrow is missing, no image is whole, `out` exists, or the disk is full.
     """
     pyarrow = load_pyarrow()
-    rate = options.fps or min(max(round(mean_rate(recording)), 1), MOST_FPS)
     with whole_folder(out) as part:
         kept, left_out = whole_rows(recording)
+        rate = options.fps or min(max(round(mean_rate(kept)), 1), MOST_FPS)
         images = {camera: list(kept.images[:, at]) for at, camera in enumerate(CAMERAS)}
         cameras = [camera for camera, paths in images.items() if None not in paths]
         height, width = kept.frame_size() or (0, 0)
@@ -73,14 +74,14 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
         columns = _columns(kept, episodes, rate)
         counts: dict[str, list[np.ndarray]] = {camera: [] for camera in cameras}
         stretched: list[str] = []
+        done = reported(range(len(kept) * len(cameras)), progress)
         for number, rows in enumerate(episodes):
             for camera in cameras:
                 path = part / video_file(CAMERA_PREFIX + camera, *divmod(number, CHUNK))
                 path.parent.mkdir(parents=True, exist_ok=True)
                 counts[camera].append(
-                    _write_video(path, kept, camera, rows, size, rate, options.crf, stretched)
+                    _write_video(path, kept, camera, rows, size, rate, options.crf, stretched, done)
                 )
-                progress(rows.stop / len(kept))
         about = [
             _about_episode(number, rows, columns, counts, rate, options.task)
             for number, rows in enumerate(episodes)
@@ -115,14 +116,8 @@ def write(recording: Recording, out: Path, options: WriteOptions, progress: Prog
             f"recorded at {real:.2f} frames/s, the dataset has {rate}: recorded times are in {TIME}"
         )
     viewer = ("lerobot-dataset-viz", "--repo-id", f"local/{out.name}", "--root", str(out))
-    return Converted(
-        out,
-        len(kept),
-        len(episodes),
-        tuple(notes),
-        following=(*viewer, "--episode-index", "0"),
-        purpose="where LeRobot is installed",
-    )
+    following, purpose = (*viewer, "--episode-index", "0"), "where LeRobot is installed"
+    return Converted(out, len(kept), len(episodes), tuple(notes), following, purpose)
 
 
 def _columns(recording: Recording, episodes: list[range], rate: int) -> dict[str, np.ndarray]:
@@ -158,14 +153,16 @@ def _write_video(
     rate: int,
     crf: int,
     stretched: list[str],
+    done: Iterator[int],
 ) -> np.ndarray:
     """Write a video; return counts of the sampled frames' levels, int64 [3, 256], RGB.
 
-    The places of images in another shape than `size` are added to `stretched`.
+    The places of images in another shape than `size` are added to `stretched`; `done` takes a step
+    for each image.
     """
     counts = np.zeros((3, 256), np.int64)
     with video_writer(path, size, rate, crf) as video:
-        for frame, row in enumerate(rows):
+        for frame, (row, _) in enumerate(zip(rows, done, strict=False)):
             image_path = recording.images[row, CAMERAS.index(camera)]
             try:
                 image = read_image(image_path)
