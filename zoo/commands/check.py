@@ -25,7 +25,7 @@ from datamodules.recording import Recording
 from datamodules.recording_format import read_recordings
 from datamodules.samples import make_samples
 from datamodules.split import split_rows
-from datamodules.steering_unit import SteeringUnit, keys_and_values
+from datamodules.steering_unit import EXAMPLE, SteeringUnit, keys_and_values
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import typed
 from zoo.base.errors import InputError
@@ -107,6 +107,8 @@ def check(folder: str, *folders: str, read: ReadOptions) -> bool:
     if turned := _turned(read, whole, signs):
         words = [f"{key}={typed(value)}" for key, value in (keys | turned).items()]
         _print(console, f"next: {command_line(['drivezoo', 'check', *roots, *words])}")
+    elif any(EXAMPLE in line for line in recording.bad_rows):
+        _print(console, "no training yet: what do the steering's numbers mean? name data.steering")
     else:
         try:
             keys |= _needed_keys(whole)

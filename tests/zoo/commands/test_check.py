@@ -1,5 +1,6 @@
 """`drivezoo check`, as a person runs it."""
 
+import re
 import shlex
 import subprocess
 from collections.abc import Callable
@@ -283,14 +284,19 @@ def test_bad_rows_are_named_with_the_command_that_skips_them(written):
     lines = written.log.read_text().splitlines()
     lines[3] = lines[3][:50]
     written.log.write_text("\n".join(lines) + "\n")
-    refused = run_check(written.folder)
-    assert refused.returncode == 1
-    after = refused.stdout.splitlines().index("skipped 1 bad row:")
-    assert "row 4: 1 columns, expected 7" in refused.stdout.splitlines()[after + 1]
-    assert refused.stdout.splitlines()[-1].endswith(" data.on_bad_row=skip")
-    for option in ("on_bad_row=skip", "data.on_bad_row=skip", "--on-bad-row=skip"):
-        skipped = run_check(written.folder, option)
-        assert skipped.returncode == 0
-        after = skipped.stdout.splitlines().index("skipped 1 bad row:")
-        assert "row 4: 1 columns" in skipped.stdout.splitlines()[after + 1]
-        assert skipped.stdout.splitlines()[-1].endswith(" data.on_bad_row=skip")
+    options = ("on_bad_row=fail", "on_bad_row=skip", "data.on_bad_row=skip", "--on-bad-row=skip")
+    for option in options:
+        done = run_check(written.folder, option)
+        assert done.returncode == ("fail" in option)
+        after = done.stdout.splitlines().index("skipped 1 bad row:")
+        assert "row 4: 1 columns, expected 7" in done.stdout.splitlines()[after + 1]
+        assert done.stdout.splitlines()[-1].endswith(" data.on_bad_row=skip")
+
+
+def test_a_steering_in_another_unit_leads_to_its_key_and_to_no_training(written):
+    rows = [line.split(",") for line in written.log.read_text().splitlines()]
+    turned = [[*row[:3], str(25 * float(row[3])), *row[4:]] for row in rows]
+    written.log.write_text("".join(f"{','.join(row)}\n" for row in turned))
+    lines = run_check(written.folder).stdout.splitlines()
+    assert any("data.steering={unit" in line for line in lines)
+    assert re.match("no training yet: .*data.steering", lines[-1])
