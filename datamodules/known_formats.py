@@ -27,6 +27,9 @@ class Format(Protocol):
 
     Attributes:
         title: the format in words, such as `Donkeycar tub`.
+
+    A format of drivezoo names in `uses` the keys of `recording_format.NOT_FOR_ALL` that it uses;
+    typed for recordings of others alone, they are refused.
     """
 
     title: str

@@ -11,11 +11,12 @@ from datamodules.format_options import ReadOptions
 from datamodules.known_formats import Format, known_format, own_formats
 from datamodules.recorded_car import read_copy
 from datamodules.recording import Recording
+from datamodules.steering_unit import EXAMPLE
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig_file import find_rig, named_rig
 
 ALIKE = 1.02  # radii of cars that steer alike
-WITH_IMAGES = ("udacity", "table")  # formats whose images may lie in another folder
+NOT_FOR_ALL = ("images", "columns", "steering", "camera", "speed_unit")  # see `Format.uses`
 
 
 def find_format(path: Path, name: str | None = None) -> tuple[str, Format]:
@@ -49,11 +50,6 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     """
     try:
         name, source = find_format(path, options.format)
-        if options.images and name in own_formats() and name not in WITH_IMAGES:
-            raise UsageError(
-                f"images={options.images}: {path} is a {source.title}, which names its own "
-                "images; leave images= out"
-            )
         recording = replace(source.read(path, options), format=name)
     except OSError as error:
         raise InputError(
@@ -66,6 +62,14 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[str, Recording]:
     if original:  # converted: the log's format is not the car's
         recording = replace(recording, rig=None, blocks=blocks)
     return name, replace(recording, rig=rig, rigs=()) if rig else recording
+
+
+def unused_keys(name: str, options: ReadOptions) -> set[str]:
+    """Return the keys that the user gave, and that a format of drivezoo does not use."""
+    source = own_formats().get(name)
+    uses = getattr(source, "uses", ()) if source else NOT_FOR_ALL
+    is_unit = {"steering"} if options.steering_name is None else set()
+    return (set(NOT_FOR_ALL) & set(options.given())) - set(uses) - is_unit
 
 
 def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
@@ -82,10 +86,17 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
     roots = [roots] if isinstance(roots, str) else list(roots)
     if not roots:
         raise InputError("data.root is an empty list: name the folder of a recording")
-    parts = [
-        read_recording(Path(root).expanduser(), options)[1]
-        for root, options in zip(roots, ReadOptions(**said).of_each(len(roots)), strict=True)
-    ]
+    each = ReadOptions(**said).of_each(len(roots))
+    pairs = zip(roots, each, strict=True)
+    parts = [read_recording(Path(root).expanduser(), options)[1] for root, options in pairs]
+    unused = [unused_keys(part.format, options) for part, options in zip(parts, each, strict=True)]
+    used = {key for at, options in enumerate(each) for key in options.given().keys() - unused[at]}
+    for key in sorted(set().union(*unused) - used):
+        part = next(part for part, keys in zip(parts, unused, strict=True) if key in keys)
+        unit = f', or write "steering={{{EXAMPLE}}}"' * (key == "steering")
+        raise UsageError(
+            f"{key}= is not for the format {part.format} of {part.names[0]}; leave {key}= out{unit}"
+        )
     if any(part.places is not None for part in parts) and len(parts) > 1:
         parts = [replace(part, places=_places(part)) for part in parts]
     joined: dict[str, Any] = {

@@ -30,6 +30,7 @@ from zoo.base.errors import InputError, UsageError, library_errors
 from zoo.base.limits import check_unpacked
 
 title = "table"
+uses = ("images", "columns", "speed_unit")  # of `ReadOptions`
 UNKNOWN = "NAME"  # of a column that cannot be guessed
 SUFFIXES = (".csv", ".tsv", ".parquet")
 # Names that `columns` may give, and those of the rows that they become.

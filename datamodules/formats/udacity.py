@@ -40,6 +40,7 @@ from zoo.base.new_folder import whole_folder
 from zoo.base.rig import UDACITY
 
 title = "recording"
+uses = ("images",)  # of `ReadOptions`
 
 _TIME = re.compile(r"(\d{4})_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d{3})(?=\.\w+$)")
 

@@ -105,8 +105,7 @@ def _turn(recording: Recording, row: int) -> float:
 
 
 def _far_half(image: np.ndarray) -> np.ndarray:
-    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    small = cv2.resize(gray, SMALL, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SMALL, interpolation=cv2.INTER_AREA)
     return small[: SMALL[1] // 2].astype(np.float32)
 
 

@@ -54,7 +54,7 @@ def check_written(
     shares: list[float] = []
     result = write_as(name, source, tmp_path / name, shares.append)
     assert (result.folder, result.rows) == (tmp_path / name, ROWS)
-    assert shares
+    assert min(shares) < 1
     assert all(0 <= share <= 1 for share in shares)
     assert [other for other, kind in formats().items() if kind.detect(tmp_path / name)] == [name]
     detected, kind = find_format(tmp_path / name)
@@ -185,8 +185,19 @@ def test_a_folder_of_images_is_taken_or_refused(name: str, tmp_path: Path) -> No
 
 
 def check_a_refused_folder_of_images(folder: Path, options: dict) -> None:
-    with pytest.raises(UsageError, match=r"^images=.*leave images= out"):
-        read_recordings(str(folder), **options, images=str(folder.parent))
+    for key, value in (("images", str(folder.parent)), ("columns", {"image": "path"})):
+        with pytest.raises(UsageError, match=rf"^{key}=.*leave {key}= out"):
+            read_recordings(str(folder), **options, **{key: value})
+
+
+def test_a_key_is_refused_if_no_recording_uses_it(source: Recording, tmp_path: Path) -> None:
+    table, log = str(foreign.table(tmp_path / "table")), source.names[0]
+    keys = {"speed_unit": "kmh", "columns": COLUMNS["columns"]}
+    both = {"format": None, "each": {1: {"format": "table"}}}
+    assert len(read_recordings([table, log], **keys, **both)) == foreign.ROWS + ROWS
+    for key, value in {**keys, "steering": "left positive", "camera": "front"}.items():
+        with pytest.raises(UsageError, match=rf"^{key}= .*udacity.*{re.escape(log)}"):
+            read_recordings(log, **{key: value})
 
 
 LOGS = {

@@ -53,7 +53,7 @@ def convert(
     from datamodules.formats.recording_writer import chosen_recording
     from datamodules.known_formats import writable_formats
     from datamodules.looking.findings import skipped_lines
-    from datamodules.recording_format import find_format, read_recording, read_recordings
+    from datamodules.recording_format import find_format, read_recordings
     from zoo.base.console_progress import progress_bar
     from zoo.base.new_folder import free_folder, refuse_existing
 
@@ -76,11 +76,9 @@ def convert(
     refuse_existing(out.expanduser())
     read = replace(read, on_bad_image="skip")
     with progress_bar("converting", Console(stderr=True)) as report:
-        if to == LOG:  # a copy of one recording, whose writer notes what reading left out
-            recording, skipped = read_recording(path, read)[1], []
-        else:
-            recording = read_recordings([source, *sources], **asdict(read))
-            skipped = [*recording.notes, *skipped_lines(recording)]
+        recording = read_recordings([source, *sources], **asdict(read))
+        # The writer of a log notes itself what reading left out.
+        skipped = [] if to == LOG else [*recording.notes, *skipped_lines(recording)]
         recording, chosen = chosen_recording(recording, write)
         result = writers[to].write(recording, out, write, report)
     drives = counted(result.drives, "continuous drive")

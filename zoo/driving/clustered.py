@@ -103,8 +103,7 @@ def moments(
         for chosen, roads in _strata(places, groups)
     ]
     usable = [(variance, freedom) for variance, freedom in variances if variance > EQUAL**2]
-    variance = sum(part for part, _ in usable)
-    return value, variance, satterthwaite(usable) if usable else 1.0
+    return value, sum(part for part, _ in usable), satterthwaite(usable) if usable else 1.0
 
 
 EQUAL = 1e-9  # greatest difference of equal figures, by rounding

@@ -115,8 +115,7 @@ def _check_package(line: str) -> Iterator[Finding]:
     install = f'pip install "{name}{requirement.specifier}"'
     if (name, version) in MALWARE:
         fix = f"pip uninstall {name}; change all passwords stored on this machine; {install}"
-        result = f"{name} {version} carries malware"
-        yield Finding(FAULT, "packages", result, fix)
+        yield Finding(FAULT, "packages", f"{name} {version} carries malware", fix)
     elif not requirement.specifier.contains(version, prereleases=True):
         result = f"{name} {version} is installed, {requirement.specifier} is required"
         yield Finding(FAULT, "packages", result, install)

@@ -147,8 +147,7 @@ def _smooth(points: np.ndarray, closed: bool) -> np.ndarray:
 
 def _close(points: np.ndarray, stations: np.ndarray) -> np.ndarray:
     """Return all points but the last, moved so that the last one would equal the first one."""
-    gap = points[-1] - points[0]
-    return (points - gap * (stations / stations[-1])[:, None])[:-1]
+    return (points - (points[-1] - points[0]) * (stations / stations[-1])[:, None])[:-1]
 
 
 def near_parts(

@@ -153,8 +153,7 @@ class Expert:
 
 def speed_limits(track: Track, settings: ExpertSettings, direction: int) -> np.ndarray:
     """Return speed limits in m/s, float64 [N], at the centreline's samples for a direction."""
-    tightest = np.abs(track.curvature) + 1e-9
-    fastest = np.sqrt(settings.cornering_mps2 / tightest)
+    fastest = np.sqrt(settings.cornering_mps2 / (np.abs(track.curvature) + 1e-9))
     limits = np.clip(fastest, SLOWEST_MPS, settings.speed_mph * MPS_PER_MPH)
     ordered = limits[::direction]
     step = track.length / len(ordered)

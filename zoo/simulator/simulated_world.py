@@ -220,8 +220,7 @@ class World:
 
     def pose(self) -> tuple[float, float, float, float, float]:
         """Return the car's x, y, z in metres, and its heading and upward pitch in radians."""
-        ahead = np.cos(self.car.heading - self.place.heading)
-        pitch = float(np.arctan(self.place.grade * ahead))
+        pitch = float(np.arctan(self.place.grade * np.cos(self.car.heading - self.place.heading)))
         return self.car.x, self.car.y, self.place.z, self.car.heading, pitch
 
     def _loop_s(self, frames: int) -> float:

@@ -294,8 +294,7 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> None:
         words.append(f"{TRUST}={','.join(trusted)}")
     encoding = {"PYTHONIOENCODING": sys.stdout.encoding}
     if code := run_module("zoo", *words, env=encoding, stdout=sys.stdout, stderr=sys.stderr):
-        died = f"its process ended with {code}"
-        raise RuntimeError(read_status(folder).get("reason", died))
+        raise RuntimeError(read_status(folder).get("reason", f"its process ended with {code}"))
 
 
 @contextlib.contextmanager

@@ -77,15 +77,6 @@ def check_rows_and_size(to: str, recorded: Written, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("to", ["udacity", "donkeycar"])
-def test_what_reading_assumed_is_printed(to: str, tmp_path: Path) -> None:
-    columns = "columns={image: path, steering: turn}"
-    words = (str(table(tmp_path / "table")), "format=table", columns, f"to={to}", "out=new")
-    printed = succeed(run_convert(tmp_path, *words))
-    assert printed.count(" steering: ") == 1
-    assert "times are missing" in printed
-
-
-@pytest.mark.parametrize("to", ["udacity", "donkeycar"])
 def test_rows_with_bad_images_are_left_out_and_counted(to: str, tmp_path: Path) -> None:
     images = sorted((challenge2_test(tmp_path / "old") / "center").iterdir())
     images[4].unlink()
@@ -98,10 +89,12 @@ def test_rows_with_bad_images_are_left_out_and_counted(to: str, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("to", ["udacity", "donkeycar"])
-def test_rows_without_times_have_a_pause_where_rows_are_left_out(to: str, tmp_path: Path) -> None:
+def test_assumptions_are_printed_and_left_out_rows_are_a_pause(to: str, tmp_path: Path) -> None:
     columns = "columns={image: path, steering: turn}"
     words = (str(table(tmp_path / "table")), "format=table", columns, "keep=1-20,22-60")
-    succeed(run_convert(tmp_path, *words, f"to={to}", "out=new"))
+    printed = succeed(run_convert(tmp_path, *words, f"to={to}", "out=new"))
+    assert printed.count(" steering: ") == 1
+    assert "times are missing" in printed
     copy = read_recordings(str(tmp_path / "new"))
     assert np.flatnonzero(find_breaks(copy)).tolist() == [19]
 

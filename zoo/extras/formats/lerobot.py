@@ -51,6 +51,7 @@ from zoo.extras.formats.video_frames import read_frames
 
 keys = ("fps", "crf", "task")  # of `WriteOptions`
 title = "LeRobotDataset"
+uses = ("steering", "camera", "speed_unit")  # of `ReadOptions`; steering is a name
 MOST_NUMBER = 999_999  # of a chunk or a file
 
 
