@@ -57,8 +57,7 @@ def polygons(corners: Tensor, height: int, width: int) -> Tensor:
     left = torch.where(steep, torch.where(within, column - 0.5, width), first)
     right = torch.where(steep, column + 0.5, last)
     outline = (columns >= left[..., None]) & (columns <= right[..., None])
-    crossed = (columns < crossing[..., None]).sum(1, dtype=torch.uint8)
-    return (crossed % 2 == 1) | outline.any(1)
+    return ((columns < crossing[..., None]).sum(1, dtype=torch.uint8) % 2 == 1) | outline.any(1)
 
 
 def moved(images: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -> Tensor:

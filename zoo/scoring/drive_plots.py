@@ -115,8 +115,7 @@ def degradation_curves(
     """
     columns = min(4, len(curves))
     rows = -(-len(curves) // columns)
-    size = max(4.5, 3.4 * columns), 2.7 * rows + 0.6
-    figure = NotebookFigure(figsize=size, layout="constrained")
+    figure = NotebookFigure((max(4.5, 3.4 * columns), 2.7 * rows + 0.6), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
     worst = max(drive["cte_mean_m"] or 0 for drives in curves.values() for drive in drives.values())
     for axis in axes[len(curves) :]:

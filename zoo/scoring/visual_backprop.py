@@ -140,8 +140,7 @@ def feature_map(features: Tensor, gradient: Tensor | None) -> Tensor:
     """Return a convolution's output before its activation, [1, C, H, W], as a map [1, 1, H, W]."""
     if gradient is None:
         return features.relu().mean(1, keepdim=True)
-    deviation = features - features.mean((2, 3), keepdim=True)
-    return (gradient * deviation).abs().mean(1, keepdim=True)
+    return (gradient * (features - features.mean((2, 3), keepdim=True))).abs().mean(1, keepdim=True)
 
 
 def enlarge(where: Tensor, layer: nn.Module, size: tuple[int, int], even: bool = False) -> Tensor:

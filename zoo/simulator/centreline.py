@@ -86,8 +86,7 @@ def follow_segments(segments: Segments, closed: bool) -> np.ndarray:
 
     ends, turned, climbed = np.concatenate([np.zeros((1, 3)), np.cumsum(segments, 0)]).T
     stride = 2  # steps of integration from one control point to the next
-    count = stride * max(round(ends[-1] / SEGMENT_STEP_M), 4)
-    nodes = np.linspace(0, ends[-1], count + 1)
+    nodes = np.linspace(0, ends[-1], stride * max(round(ends[-1] / SEGMENT_STEP_M), 4) + 1)
     step = nodes[1]
     mode = "wrap" if closed else "nearest"
     curvature = np.diff(np.interp(nodes, ends, turned)) / step
