@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from datamodules.format_options import ReadOptions, said_in
-from datamodules.recording_format import find_format, unused_keys
+from datamodules.known_formats import known_format
+from datamodules.recording_format import unused_keys
 from zoo.base.errors import library_errors
 from zoo.base.rig import CURVATURE, Rig, SteeringLabel
 from zoo.checkpoints.checkpoint_path import trained_data
@@ -235,7 +236,8 @@ def read_as_trained(policies: Iterable[Policy], folder: str | Path, read: ReadOp
         paths = [Path(str(name)).expanduser().resolve() for name in roots]
         if path in paths:
             said = ReadOptions(**said_in(data)).of_each(len(paths))[paths.index(path)]
-            others = unused_keys(find_format(path, said.format)[0], said)  # of its other recordings
+            name, _ = known_format(path, said.format) or ("", None)
+            others = unused_keys(name, said)  # which another recording of the training uses
             used = {key: value for key, value in said.given().items() if key not in others}
             return used | read.given()
     return read.given()

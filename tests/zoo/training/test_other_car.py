@@ -218,3 +218,5 @@ def test_a_replay_reads_a_recording_as_in_training_unless_the_user_says_otherwis
     trained.config["data"] |= several
     assert keys("drives") == {"format": "table", "steering": "{unit: rad}"}
     assert keys("others") == {"format": "table", "steering": "{unit: deg}"}
+    trained.config["data"] |= {"columns": "{image: path}", "each": {2: {"format": "udacity"}}}
+    assert ("columns" in keys("drives"), "columns" in keys("others")) == (True, False)
