@@ -155,8 +155,7 @@ def _view_layers(view: View, resizing: Callable[[View], list[Layer]]) -> list[La
     elif view.colour != "rgb":
         raise InputError(f"colour={view.colour}: Keras has no layer for it; train with rgb or yuv")
     resized = resizing(view) if view.size else []
-    rows = list(view.rows_cropped(view.frame[0]))
-    crop: Layer = ("Cropping2D", {"cropping": [rows, [0, 0]]}, [])
+    crop: Layer = ("Cropping2D", {"cropping": [list(view.rows_cropped(view.frame[0])), [0, 0]]}, [])
     if view.resize.endswith("_first"):
         return [crop, *resized, *layers]
     return [crop, *layers, *resized]

@@ -56,11 +56,18 @@ class Timing(Result):
     def lines(self) -> list[str]:
         """Return the highest speed and what would help most, in sentences."""
         options, measured = self.options, self.speeds[MEASURED]
+        by_road = zip(*self.speeds.values(), strict=True)
+        bounds = sum(min(road) < options.least or max(road) == options.most for road in by_road)
+        bounded = (
+            f"on {bounds} of {options.roads} roads a speed is only known to be below "
+            f"{options.least} or at least {options.most} mph: gains there may be larger"
+        )
         return [
             f"{self.checkpoint} drives without an intervention up to {self._speed(MEASURED)} on "
             f"the median of {options.roads} {options.family} roads, and up to "
             f"{self._mph(min(measured))} on each of them",
             self.advice,
+            *[bounded] * (bounds > 0 and min(measured) < options.most),
         ]
 
     @property
@@ -100,22 +107,22 @@ class Timing(Result):
         gains = [self.gain(name) for name in names]
         least = [min(speed) for speed in self.speeds.values()]
         highest = interval_column("speed_mph", "highest speed, mph", speeds, "{:g}")
+        every = number_column("every_road_mph", "every road, mph", least)
         columns = [
             Column("times", "loop times", names),
             number_column("rate_hz", "frames/s", [time.rate_hz for time in times], "{:.1f}"),
             number_column("delay_ms", "delay, ms", delays, "{:.0f}"),
-            self._bounded(highest, [speed.value for speed in speeds]),
+            replace(highest, cells=list(map(self._text, speeds))),
             interval_column("gain_mph", "gain, mph", gains, "{:+g}"),
-            self._bounded(number_column("every_road_mph", "every road, mph", least, "{:g}"), least),
+            replace(every, cells=[self._text(Estimate(mph)) for mph in least]),
         ]
         return Table(columns, f"Highest clean speeds of {self.checkpoint}, median of the roads.")
 
-    def _bounded(self, column: Column, speeds: Sequence[float]) -> Column:
-        """Return a column of speeds, of which those that were not tried are bounds in its texts."""
+    def _text(self, speed: Estimate) -> str:
+        """Return a speed with its interval; one that was not tried is a bound."""
         least = self.options.least
-        pairs = zip(column.cells, speeds, strict=True)
-        cells = [f"below {least:g}" if mph < least else text for text, mph in pairs]
-        return replace(column, cells=cells)
+        text = with_interval(speed, "{:g}").replace(f"({least - 1} to", f"(below {least} to")
+        return f"below {least}" if speed.value < least else text
 
     def plot(self) -> Figure:
         """Draw the loop times, and the highest speeds with their intervals."""
@@ -178,7 +185,7 @@ class Timing(Result):
         estimate = _median(self.speeds[name])
         if estimate.value < self.options.least:
             return self._mph(estimate.value)
-        return f"{with_interval(estimate, '{:g}')} mph"
+        return f"{self._text(estimate)} mph"
 
 
 def _median(values: Sequence[int]) -> Estimate:

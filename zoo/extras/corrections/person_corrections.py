@@ -228,5 +228,4 @@ def _recorded(folder: str) -> list[tuple]:
     recording = read_recordings(folder)
     times_s = complete_times(recording).tolist()
     columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
-    numbers = np.stack(columns, 1).tolist()
-    return list(zip(times_s, recording.images.tolist(), numbers, strict=True))
+    return list(zip(times_s, recording.images.tolist(), np.stack(columns, 1).tolist(), strict=True))

@@ -179,8 +179,7 @@ class EnvironmentWorld(World):
         try:
             return parse_number(quantity.factor * float(np.asarray(value).item()))
         except (TypeError, ValueError):
-            kind = type(value).__name__
-            raise self._fault(f"{quantity.place} is {kind}, not a number") from None
+            raise self._fault(f"{quantity.place} is {type(value).__name__}, not a number") from None
 
     def _check_action(self) -> None:
         """Check that each component of the action exists, and takes its full value."""

@@ -84,8 +84,7 @@ def card_text(shared: SharedFile) -> str:
     """Return the text of the card."""
     first, *others = card_sections(shared.of, _file(shared))
     sections = [first, Section("Drive it", _drive(shared)), *others]
-    header = yaml_text(_header(shared))
-    return f"---\n{header}---\n\n{to_markdown(_title(shared), sections)}"
+    return f"---\n{yaml_text(_header(shared))}---\n\n{to_markdown(_title(shared), sections)}"
 
 
 def described_hash(text: str) -> str | None:

@@ -105,8 +105,7 @@ def opened_ray() -> Iterator[ClusterPool]:
         import ray
 
         def start(function: Callable, *arguments: object) -> Any:
-            task = ray.remote(num_cpus=1, max_retries=0)(function)
-            return task.remote(*arguments).future()
+            return ray.remote(num_cpus=1, max_retries=0)(function).remote(*arguments).future()
 
         yield ClusterPool(start)
 

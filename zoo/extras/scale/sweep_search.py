@@ -130,8 +130,7 @@ class Search:
     def job(self, number: int) -> Job:
         """Return a trial as a job: its values and its pruning callback as overrides."""
         drawn = (f"{key}={value}" for key, value in self.study.get_trials()[number].params.items())
-        overrides = (*self.fixed, *drawn, *self.pruning(number))
-        return Job(number, overrides, self.folder / str(number))
+        return Job(number, (*self.fixed, *drawn, *self.pruning(number)), self.folder / str(number))
 
     def pruning(self, number: int) -> list[str]:
         """Return the overrides that add the pruning callback to a trial."""

@@ -45,11 +45,14 @@ def test_only_a_sure_improvement_is_advised() -> None:
     improved = {"half the delay": better, "no jitter": unsure, "both": better}
     timing = timing_of({MEASURED: measured} | improved)
     assert "half the delay, +4 (+4 to +4) mph" in timing.advice
-    assert "13.5 (10 to 17) mph" in timing.lines[0]
-    assert "up to 10 mph on each" in timing.lines[0]
+    assert "13.5 (10 to 17) mph on the median of 8 lakeside roads, and up to 10" in timing.lines[0]
     unsurely = timing_of({MEASURED: measured, "no jitter": unsure, "both": better})
     assert "no single improvement" in unsurely.advice
-    assert "nothing to improve" in timing_of({MEASURED: [30] * 8, "both": [30] * 8}).advice
+    assert "on 1 of 8 roads a speed is only known to be below 5 or at least 30" in timing.lines[2]
+    assert "nothing to improve" in timing_of({MEASURED: [30] * 8, "both": [30] * 8}).lines[-1]
+    bounded = timing_of({MEASURED: [4, 4, 20, 20, 20, 20, 20, 20], "both": better})
+    assert "up to 20 (below 5 to 20) mph on the median" in bounded.lines[0]
+    assert bounded.result_table().columns[3].cells[0] == "20 (below 5 to 20)"
     slow = timing_of({MEASURED: [4] * 8, "both": [4] * 8}, delay_s=0.1)
     assert "up to less than 5 mph on the median" in slow.lines[0]
     cells = {column.name: column.cells for column in slow.result_table().columns}
