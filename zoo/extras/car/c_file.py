@@ -301,8 +301,7 @@ class _Graph:
         image = np.sort(places).reshape(1, -1, 1, 1)
         image_name = f"{name} in order"
         self.places[image_name], self.last[image_name] = image, self.number
-        ordered = weights[:, np.argsort(places)]
-        self._convolve(result, image_name, ordered[:, :, None, None], bias)
+        self._convolve(result, image_name, weights[:, np.argsort(places)][:, :, None, None], bias)
         self.places[result] = self.places[result].reshape(1, -1)
 
     def _convolve(

@@ -40,8 +40,10 @@ from zoo.extras.corrections.person_corrections import (
 from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, plain
 from zoo.runs.result_table import Table
 from zoo.runs.saved_config import TRUST, split_trust
+from zoo.scoring.evaluate_options import track_names
 from zoo.scoring.evidence import other_car_line, with_track
 from zoo.scoring.track_scores import how_well, remove_drives, score_on_tracks
+from zoo.simulator.track_names import DRAWN
 
 NAME = "correct.json"
 # Options that may differ when a correction is resumed.
@@ -245,6 +247,8 @@ def open_progress(
         InputError: the folder holds a correction of another checkpoint or with other options.
     """
     asked = {key: value for key, value in asdict(options).items() if key not in MAY_CHANGE}
+    roads = [Path(DRAWN.sub(r"\1", name)) for name in track_names(options.track)]
+    asked |= {str(road): hash_file(road)[:16] for road in roads if road.is_file()}  # may be edited
     new = {"identity": hash_file(checkpoint)[:16], "options": asked, "overrides": overrides}
     if not os.path.lexists(folder / NAME):
         return {**new, "rounds": []}

@@ -84,8 +84,7 @@ def _setting(kind: str, key: str, config: dict) -> Any:
         return value[0] if isinstance(value, list) and len(value) == 1 else value
     if kind in ("Cropping2D", "ZeroPadding2D"):
         return _edges(value)
-    is_default = value == DEFAULTS.get(key) or (key == "scale" and value is True)
-    return None if is_default else value
+    return None if value == DEFAULTS.get(key) or (key == "scale" and value is True) else value
 
 
 def _edges(value: Any) -> Any:

@@ -52,6 +52,7 @@ from zoo.extras.corrections.collecting import (
 from zoo.extras.corrections.correct import correct
 from zoo.extras.corrections.correct_options import CorrectOptions
 from zoo.extras.corrections.correct_training import for_own_roots, own_config, own_roots
+from zoo.extras.corrections.correction import open_progress, save
 from zoo.extras.corrections.person_corrections import ask_person, corrections_of_a_person
 from zoo.simulator.recorder import JPEG_QUALITY
 from zoo.simulator.simulated_world import World
@@ -182,6 +183,16 @@ def test_a_folder_resumes_only_with_its_own_options(corrected: Path, checkpoint:
             correct.main([*arguments, changed])
     with pytest.raises(InputError, match=r"no overrides.*out="):
         correct.main([*arguments, "optim.lr=0.1"])
+
+
+@pytest.mark.parametrize("end", ["", ":3"])
+def test_a_changed_road_is_not_resumed_on(checkpoint: str, tmp_path: Path, end: str) -> None:
+    (tmp_path / "road.yaml").write_text("as it was")
+    started = tmp_path, checkpoint, CorrectOptions(track=f"lake,{tmp_path}/road.yaml{end}"), []
+    save(open_progress(*started), tmp_path)
+    assert open_progress(*started)["rounds"] == []
+    (tmp_path / "road.yaml").write_text("edited")
+    assert re.search(r"road\.yaml=.*give the same", refusal(open_progress, *started))
 
 
 def test_a_checkpoint_that_drives_well_is_not_corrected(checkpoint: str, tmp_path: Path) -> None:

@@ -53,8 +53,7 @@ def mutated_hdf5(draw: st.DrawFn, data: bytes) -> bytes:
 @st.composite
 def mutated_array(draw: st.DrawFn, data: bytes) -> bytes:
     """Draw a file of NumPy whose array has another type, shape or values."""
-    values = np.load(io.BytesIO(data))
-    odd = np.array(values, float)
+    odd = np.array(np.load(io.BytesIO(data)), float)
     odd[draw(st.integers(0, len(odd) - 1))] = draw(st.sampled_from((np.nan, np.inf, -1e300, 0.0)))
     arrays = [
         odd, odd[:-1], odd[:0], odd[0], odd[::-1], odd.reshape(2, -1), odd.astype(complex),

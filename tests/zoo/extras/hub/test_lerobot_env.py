@@ -39,8 +39,7 @@ def test_lerobot_opens_a_world_with_the_names_of_a_converted_dataset() -> None:
 def test_the_environment_for_lerobot_has_the_units_of_a_converted_dataset(tmp_path: Path) -> None:
     block = re.search(r"```python\n(# env\.py\n.*?)```", PAGE.read_text(), re.DOTALL)
     (tmp_path / "env.py").write_text(block[1])
-    names = runpy.run_path(str(tmp_path / "env.py"))
-    envs = names["make_env"](2)
+    envs = runpy.run_path(str(tmp_path / "env.py"))["make_env"](2)
     observation, _ = envs.reset(seed=[1, 2], options={"lerobot_new_rollout": True})
     assert observation["pixels"]["center"].shape == (2, 160, 320, 3)
     assert envs.call("_max_episode_steps") == (451, 451)

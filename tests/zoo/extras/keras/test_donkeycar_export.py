@@ -86,8 +86,7 @@ def test_a_throttle_is_bounded(names: tuple, activation: str, most: float, tmp_p
 
 
 def test_layers_after_bins_are_refused_also_with_a_bound(tmp_path: Path) -> None:
-    layers = donkeycar_layers(BINS, UNITS[BINS], "softmax")
-    path = write_donkeycar(tmp_path, layers, ends=2)
+    path = write_donkeycar(tmp_path, donkeycar_layers(BINS, UNITS[BINS], "softmax"), ends=2)
     network = convert(read_keras(path), line=(1.1, 0.0)).network.eval()
     free = Checkpoint(network, View((0, 0), "rgb", None, frame=SHAPE[:2]), {"model": {}}, {})
     for checkpoint in (free, donkeycar_file.bounded(free, 0.2)):

@@ -117,8 +117,7 @@ def test_a_layer_computes_what_keras_defines(name: str, tmp_path) -> None:
 @pytest.mark.parametrize("name", ["same 3 2", "separable", "prelu", "batch norm of rows", "noise"])
 def test_a_layer_trains(name: str, tmp_path) -> None:
     network = network_of(whole(CASES[name]), tmp_path / "model.h5").train()
-    out = network(torch.from_numpy(images()).permute(0, 3, 1, 2))
-    out.square().mean().backward()
+    network(torch.from_numpy(images()).permute(0, 3, 1, 2)).square().mean().backward()
     for parameter, tensor in network.named_parameters():
         assert tensor.grad is None or torch.isfinite(tensor.grad).all(), parameter
     single = network(torch.from_numpy(images()[:1]).permute(0, 3, 1, 2))
