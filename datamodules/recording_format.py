@@ -93,7 +93,7 @@ def read_recordings(roots: str | Sequence[str], **said: Any) -> Recording:
     used = {key for at, options in enumerate(each) for key in options.given().keys() - unused[at]}
     for key in sorted(set().union(*unused) - used):
         part = next(part for part, keys in zip(parts, unused, strict=True) if key in keys)
-        unit = f', or write "steering={{{EXAMPLE}}}"' * (key == "steering")
+        unit = f', or write "steering={{{EXAMPLE}}}"' if key == "steering" else ""
         raise UsageError(
             f"{key}= is not for the format {part.format} of {part.names[0]}; leave {key}= out{unit}"
         )

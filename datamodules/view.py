@@ -63,7 +63,7 @@ class View:
             raise InputError(
                 f"data.crop={list(self.crop)} leaves nothing of {FRAME[0]} rows; crop less"
             )
-        if self.colour not in list(CONVERSIONS):
+        if self.colour not in list(CONVERSIONS):  # a list: the value may have no hash
             raise InputError(f"model.colour={self.colour} is not one of {', '.join(CONVERSIONS)}")
         if self.resize not in list(RESIZES):
             raise InputError(f"model.resize={self.resize} is not one of {', '.join(RESIZES)}")

@@ -52,7 +52,7 @@ class Notices:
         """Print an ordinary event, such as a new client, up to `most` times for its kind."""
         self._printed[kind] += 1
         if self._printed[kind] <= most:
-            self.print(line + " (more are not printed)" * (self._printed[kind] == most))
+            self.print(line + (" (more are not printed)" if self._printed[kind] == most else ""))
 
     def count_lines(self) -> list[str]:
         """Return a line for each kind of trouble that occurred more than once."""

@@ -271,7 +271,7 @@ def _commands(
     if world != "embedded":  # the only world that `correct` and `drive` have
         following = [("drive it three times", ["evaluate", *on_track, f"world={world}", "seeds=3"])]
     elif level in (ALMOST, FAILS):
-        correct = ("or " * bool(steps) + "let the expert correct it", ["correct", *on_track])
+        correct = (f"{'or ' if steps else ''}let the expert correct it", ["correct", *on_track])
         # The command `correct` is an extra's.
         following = [correct if evidence.can_train and place_of("correct") else watch]
     elif level == UNKNOWN:

@@ -290,16 +290,17 @@ def keep_earlier_log(trainer: lightning.Trainer, folder: Path, steps: int) -> No
         folder: run's folder.
         steps: number of steps before the resumed one; rows of later steps are logged once more.
     """
-    log = folder / "metrics.csv"
-    if not log.is_file():
+    path = folder / "metrics.csv"
+    if not path.is_file():
         return
-    kept = log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
+    kept = path.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
     with kept.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if None not in (*row, *row.values())]
-    writer = trainer.loggers[0].experiment  # type: ignore[attr-defined]
-    writer.metrics = [row for row in rows if row["step"].isdecimal() and int(row["step"]) < steps]
-    writer.save()
-    kept.unlink()  # only now: a run that is killed before loses no row
+    if rows and "step" in rows[0]:  # else another program wrote it: it stays beside the new one
+        log = trainer.loggers[0].experiment  # type: ignore[attr-defined]  # see `build_trainer`
+        log.metrics = [row for row in rows if row["step"].isdecimal() and int(row["step"]) < steps]
+        log.save()
+        kept.unlink()  # only now: a run that is killed before loses no row
 
 
 def silence_libraries() -> None:

@@ -267,7 +267,7 @@ class SteeringModule(RunModule):
         optimizer = self.make_optimizer(self.parameter_groups())
         name = type(optimizer).__name__  # LBFGS computes the loss within a step
         if not isinstance(optimizer, torch.optim.Optimizer) or name == "LBFGS":
-            raise InputError(f"optim: {name} is LBFGS, or no optimizer of torch.optim; set another")
+            raise InputError(f"optim: {name} cannot train; name one of torch.optim (not LBFGS)")
         if (schedule := self.make_schedule(optimizer)) is None:
             return {"optimizer": optimizer}
         return {"optimizer": optimizer, "lr_scheduler": schedule}

@@ -268,6 +268,13 @@ def test_a_damaged_log_is_named_before_the_next_epoch(two_epochs: Path, zoo: Zoo
     assert equal(weights(two_epochs, "last"), before)
 
 
+def test_a_log_of_another_program_stays_beside_the_new_one(two_epochs: Path, zoo: Zoo) -> None:
+    log = two_epochs / "metrics.csv"
+    log.write_text(text := log.read_text().replace(",", ";"))
+    succeed(zoo("resume=run", "trainer.max_epochs=3"))
+    assert (two_epochs / "metrics.1.csv").read_text() == text
+
+
 def test_fewer_epochs_than_are_finished_are_refused(two_epochs: Path, zoo: Zoo) -> None:
     change_status(two_epochs, status="stopped")
     line = only_line(zoo("resume=run", "trainer.max_epochs=1"), 2)

@@ -67,7 +67,7 @@ class Timing(Result):
             f"the median of {options.roads} {options.family} roads, and up to "
             f"{self._mph(min(measured))} on each of them",
             self.advice,
-            *[bounded] * (bounds > 0 and min(measured) < options.most),
+            *([bounded] if bounds and min(measured) < options.most else []),
         ]
 
     @property
